@@ -21,7 +21,7 @@ from common_curves import sample, sampled_directed
 from scipy.spatial import distance as scipy_distance
 
 import jhd
-from jhd.shapes.curve import AbstractCurve
+from jhd._shapes.curve import AbstractCurve
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from common import Run
 from common_cao14 import Example, open_curve, ring, table
 
 import jhd
-from jhd.shapes.curve import AbstractCurve
+from jhd._shapes.curve import AbstractCurve
 
 
 def main() -> None:

@@ -32,11 +32,11 @@ from common_certificates import drawn, places, sampled
 from common_forgeries import Forgery, Known, forgeries
 
 import jhd
+from jhd._distance.certificate import verification
+from jhd._distance.certificate.verification.reading import lines_of
+from jhd._io.certificates import verify_file
 from jhd._results.solution import name_of
-from jhd.distance.certificate import verification
-from jhd.distance.certificate.verification.reading import lines_of
 from jhd.io import ParseError
-from jhd.io.certificates import verify_file
 
 PAIRS, FORGERIES, SMOKE_FORGERIES = 10, 200, 20
 KINDS = ("points", "curve", "patch", "mesh", "surface")

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from common_certificates import Places, changes, value
 
-from jhd.distance.certificate.verification import digest
-from jhd.distance.certificate.verification.cells import half, roots
-from jhd.distance.certificate.verification.pieces import ExactPiece, pieces_of
-from jhd.distance.certificate.verification.proofs import point_of
+from jhd._distance.certificate.verification import digest
+from jhd._distance.certificate.verification.cells import half, roots
+from jhd._distance.certificate.verification.pieces import ExactPiece, pieces_of
+from jhd._distance.certificate.verification.proofs import point_of
 
 Content = dict[str, Any]
 # By how much more than a bound something must be, where it is seen in floating point.

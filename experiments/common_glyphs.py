@@ -10,8 +10,8 @@ import numpy as np
 
 import jhd
 import jhd.io
+from jhd._distance.normalization.curves import padded_count
 from jhd._results.solution import name_of
-from jhd.distance.normalization.curves import padded_count
 
 _SEGMENTS = 48
 

@@ -10,7 +10,7 @@ from common import Run
 from scipy.spatial import KDTree
 
 import jhd
-from jhd.plot.nets import quadrilaterals
+from jhd._plot.nets import quadrilaterals
 
 # Most samples of a smoke run: of each number of them a program is made.
 _SMOKE_SAMPLES = 1000

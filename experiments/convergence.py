@@ -3,7 +3,7 @@
 Four families of bounds on cells of width h, the part of a segment's parameter: (i) Lipschitz, the distance at the
 middle plus half the largest possible length of the cell; (ii) one branch, the largest Bernstein coefficient of
 |A - B(sigma)|^2 for a map sigma through the feet; (iii) lambda, the best convex combination of the branches from both
-ends; (iv) ours, `jhd.distance.cells.branches.cell_upper_bound`: both branches split at their peak. The first three
+ends; (iv) ours, `jhd._distance.cells.branches.cell_upper_bound`: both branches split at their peak. The first three
 stand in NumPy in common_bounds.py. Two pairs have an exactly known distance, attained at an antipodal and at a
 one-to-two maximum, around which the cells shrink; two more are coincident: a straight segment written as two cubics,
 and a quarter circle with two sets of weights, related by a Moebius map. There the bound is the mismatch of the map
@@ -45,8 +45,8 @@ from common_bounds import (
 )
 
 import jhd
-from jhd.distance.cells.branches import CurveCell, cell_upper_bound
-from jhd.distance.normalization.curves import prepare
+from jhd._distance.cells.branches import CurveCell, cell_upper_bound
+from jhd._distance.normalization.curves import prepare
 
 # The place of the maximum in the cells of the first part, off the middle, which would be a special case.
 _PLACE = 0.4

@@ -21,8 +21,8 @@ from common import Run, markdown
 from common_surfaces import ROUND, ROUNDED, surface
 
 import jhd
+from jhd._plot.nets import quadrilaterals
 from jhd._results.solution import name_of
-from jhd.plot.nets import quadrilaterals
 
 BOX = 1.5
 STEPS, SMOKE_STEPS, SMOKE_ATOL = 80, 1, 1e-2

@@ -23,11 +23,11 @@ from common import Run, markdown
 from common_kim10 import KINDS, pair
 
 import jhd
-from jhd.distance.normalization.curves import prepare
-from jhd.distance.published.arc_bounds import ArcTarget
-from jhd.distance.published.events.host_pair import HostPair
-from jhd.distance.published.trimming import both_arcs
-from jhd.shapes.curve import AbstractCurve
+from jhd._distance.normalization.curves import prepare
+from jhd._distance.published.arc_bounds import ArcTarget
+from jhd._distance.published.events.host_pair import HostPair
+from jhd._distance.published.trimming import both_arcs
+from jhd._shapes.curve import AbstractCurve
 
 # The pair whose second curve is mapped.
 MAPPED, COUNT = "self_bisector", 15

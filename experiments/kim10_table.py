@@ -32,10 +32,10 @@ from common import Run, markdown
 from common_kim10 import COUNTS, KINDS, pair
 
 import jhd
+from jhd._distance.normalization.curves import prepare
+from jhd._distance.published.events.host_pair import HostPair
+from jhd._distance.published.trimming import both_arcs
 from jhd._results.solution import name_of
-from jhd.distance.normalization.curves import prepare
-from jhd.distance.published.events.host_pair import HostPair
-from jhd.distance.published.trimming import both_arcs
 
 # Milliseconds without and with trimming, by kind and number of control points: table 1 and figure 18 of the source.
 PRINTED = {

@@ -25,7 +25,7 @@ from common import Run, markdown, seconds
 from common_surfaces import BARTH, CLEBSCH, CONES, TANGLECUBE, TORUS, kept, surface
 
 import jhd
-from jhd.arithmetic import trivariate
+from jhd._arithmetic import trivariate
 
 KINDS = ("interval", "horner", "centered", "modified_affine", "bernstein")
 SURFACES = {

@@ -46,7 +46,7 @@ from common_curves import sample, sampled_directed
 from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 import jhd
-from jhd.distance.normalization.curves import padded_count
+from jhd._distance.normalization.curves import padded_count
 
 Pair = tuple[jhd.BezierSegments, jhd.BezierSegments]
 

@@ -5,7 +5,7 @@ bound left is followed. Bounds, those of common_surface_bounds.py in NumPy: Lips
 half of what the cell can be long; one foot, the largest coefficient of the squared distance from it; a moving foot,
 which an affine map of the parameters takes along; two branches of these in the best shares. Beside them jhd's own
 search, at tolerances from coarse to fine, whose bound takes tangent planes of the squared distance, ties of branches
-and sides of cells in (jhd.distance.cells.weighted), or feet that are followed to higher order where the distance is
+and sides of cells in (jhd._distance.cells.weighted), or feet that are followed to higher order where the distance is
 constant. Three pairs whose distance is known exactly: a maximum where the surfaces are parallel, one on a ridge where
 two feet are as near, and two planes, one with curved parameters, which are as far from each other everywhere.
 

@@ -35,7 +35,7 @@ from common import Run, markdown
 from common_curves import sample, sampled_directed
 
 import jhd
-from jhd.distance.normalization.curves import padded_count
+from jhd._distance.normalization.curves import padded_count
 
 _BATCHES = (1, 4, 16, 64, 256, 1024)
 _LARGER = 4096

@@ -23,16 +23,16 @@ import numpy as np
 from common import Run, markdown
 
 import jhd
+from jhd._distance.normalization.coordinates import Frame
+from jhd._distance.normalization.curves import prepare
+from jhd._distance.published.arc_bounds import Arcs, ArcTarget
+from jhd._distance.published.events.forms import Curve
+from jhd._distance.published.events.host_pair import HostPair
+from jhd._distance.published.events.survivors import EventPieces, everywhere, pairs, survivors, triples
+from jhd._distance.published.events.systems import Events, solve
+from jhd._distance.published.farthest import measure
+from jhd._distance.published.trimming import both_arcs
 from jhd._results.solution import name_of
-from jhd.distance.normalization.coordinates import Frame
-from jhd.distance.normalization.curves import prepare
-from jhd.distance.published.arc_bounds import Arcs, ArcTarget
-from jhd.distance.published.events.forms import Curve
-from jhd.distance.published.events.host_pair import HostPair
-from jhd.distance.published.events.survivors import EventPieces, everywhere, pairs, survivors, triples
-from jhd.distance.published.events.systems import Events, solve
-from jhd.distance.published.farthest import measure
-from jhd.distance.published.trimming import both_arcs
 
 COUNT = 8
 FAMILIES = ("bumps", "noise", "unrelated")

@@ -75,24 +75,7 @@ if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "of
     _jax.config.update("jax_enable_x64", True)
 
 from jhd import arithmetic, plot, progress, published  # noqa: E402
-from jhd._results import solution  # noqa: E402, F401
-from jhd._results.solution import (  # noqa: E402
-    ANSWERS,
-    DIRECTIONS,
-    EVENTS,
-    RESULTS,
-    Bounds,
-    CriticalPairs,
-    Decision,
-    FitSolution,
-    HausdorffSolution,
-    MinimumSolution,
-    NotProvenError,
-    Projection,
-    StationaryPoints,
-    Witness,
-)
-from jhd.distance import (  # noqa: E402
+from jhd._distance import (  # noqa: E402
     BestFirstProjection,
     BranchAndBound,
     Certificate,
@@ -134,7 +117,7 @@ from jhd.distance import (  # noqa: E402
     surface_area,
     verify,
 )
-from jhd.fields import (  # noqa: E402
+from jhd._fields import (  # noqa: E402
     AdaptiveDistanceField,
     DistanceMap,
     DistanceTransform,
@@ -144,9 +127,26 @@ from jhd.fields import (  # noqa: E402
     signed_distance_transform,
     voxelize,
 )
-from jhd.fit import fit_curve, fit_outline, minimize_hausdorff  # noqa: E402
-from jhd.fitting.soft import soft_hausdorff  # noqa: E402
-from jhd.shapes import (  # noqa: E402
+from jhd._fitting.fit import fit_curve, fit_outline, minimize_hausdorff  # noqa: E402
+from jhd._fitting.soft import soft_hausdorff  # noqa: E402
+from jhd._results import solution  # noqa: E402, F401
+from jhd._results.solution import (  # noqa: E402
+    ANSWERS,
+    DIRECTIONS,
+    EVENTS,
+    RESULTS,
+    Bounds,
+    CriticalPairs,
+    Decision,
+    FitSolution,
+    HausdorffSolution,
+    MinimumSolution,
+    NotProvenError,
+    Projection,
+    StationaryPoints,
+    Witness,
+)
+from jhd._shapes import (  # noqa: E402
     Approximation,
     BezierCurve,
     BezierPatch,

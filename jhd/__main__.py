@@ -17,7 +17,7 @@ import jhd
 from jhd._cli import lengths
 from jhd._runtime.starting import INTERRUPTED
 
-# The names of jhd._cli.warming and jhd.fields, written out, as their import takes seconds.
+# The names of jhd._cli.warming and jhd._fields, written out, as their import takes seconds.
 _KINDS = "plane", "space", "rational", "surfaces", "meshes"
 _MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
 # A minus alone is standard input.
@@ -137,7 +137,7 @@ def _run(argv: list[str]) -> int:
         raise ValueError(f"{command} does not know: {names} (see {command} --help)")
     if options.demo is not None and options.command != "demo":
         raise ValueError(f"--out in front of {options.command} is for the demonstration; give it after the command.")
-    from jhd.console import interrupts_heard
+    from jhd._cli.console import interrupts_heard
 
     with interrupts_heard():
         from jhd._cli import commands

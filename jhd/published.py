@@ -10,12 +10,12 @@ docstrings name the sources, the changes to them, and what each result certifies
 2.0
 """
 
-from jhd.distance.published.algebraic import AlgebraicEvents
-from jhd.distance.published.cube_intervals import CubeIntervals
-from jhd.distance.published.trimming import BiarcTrimming
-from jhd.distance.published.two_step import TwoStep
-from jhd.distance.published.vertex_voxels import VertexVoxels
-from jhd.distance.published.voxel_pairs import TiedPairs, VoxelPairs
+from jhd._distance.published.algebraic import AlgebraicEvents
+from jhd._distance.published.cube_intervals import CubeIntervals
+from jhd._distance.published.trimming import BiarcTrimming
+from jhd._distance.published.two_step import TwoStep
+from jhd._distance.published.vertex_voxels import VertexVoxels
+from jhd._distance.published.voxel_pairs import TiedPairs, VoxelPairs
 
 __all__ = [
     "AlgebraicEvents",

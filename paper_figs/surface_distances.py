@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import jhd
-from jhd.plot.colored import pieces_of
+from jhd._plot.colored import pieces_of
 
 _COLUMNS = 3
 # From where pairs are seen, elevation and azimuth in degrees; the others from the side of the farthest place.

@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from jhd import console
-from jhd.console import busy, interrupts_heard
+from jhd._cli import console
+from jhd._cli.console import busy, interrupts_heard
 from jhd.progress import Progress
 
 

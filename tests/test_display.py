@@ -14,11 +14,11 @@ import pytest
 
 import jhd
 import jhd.io
+from jhd._distance.collections.pivots import PivotDistances
 from jhd._results import display
 from jhd._results.solution import name_of
-from jhd.distance.collections.pivots import PivotDistances
-from jhd.shapes import sketches
-from jhd.shapes.polynomial_text import read, written
+from jhd._shapes import sketches
+from jhd._shapes.polynomial_text import read, written
 from tests.test_solution import a_solution
 
 NET = np.arange(27.0).reshape(3, 3, 3)

@@ -13,20 +13,20 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
-    _runtime decimals progress argument_hints _results
-    arithmetic
-    shapes
-    triangles
-    fields
-    distance.normalization distance.nearest distance.cells distance.witness distance.search distance.published.events
-        distance.published distance.certificate distance distance.statistics
-    fitting fit | plot | io | published
-    _cli.lengths _cli.report console _cli __main__ _cli.helping
+    _runtime progress _results
+    _arithmetic arithmetic
+    _shapes
+    _triangles
+    _fields
+    _distance.normalization _distance.nearest _distance.cells _distance.witness _distance.search
+        _distance.published.events _distance.published _distance.certificate _distance _distance.statistics published
+    _fitting | _plot plot | _io io
+    _cli.lengths _cli.report _cli.console _cli __main__ _cli.helping
 """
 # The checker of certificates runs by itself, and is its own command line.
-CHECKER = "distance.certificate.verification.__main__"
+CHECKER = "_distance.certificate.verification.__main__"
 COMMAND_LINE = (
-    *(CHECKER, "_runtime.starting", "console", "__main__"),
+    *(CHECKER, "_runtime.starting", "_cli.console", "__main__"),
     *("_cli.lengths", "_cli.output", "_cli.comparisons", "_cli.collected", "_cli.commands"),
 )
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
@@ -62,7 +62,7 @@ def nodes_of(path) -> list[Any]:
 
 
 def name_of(path):
-    """The module's name within the package: `shapes.curve`, or `shapes` for its __init__ file, "" for the package's."""
+    """The module's name within the package: `_shapes.curve`, `_shapes` for its __init__ file, "" for the package's."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -128,9 +128,9 @@ def test_a_module_imports_from_lower_folders_or_its_own_only():
 
 
 def test_an_upward_import_between_folders_is_found():
-    assert not is_below("distance.search", "distance.cells") and not is_below("plot", "io")
-    assert is_below("distance.cells", "distance.search") and is_below("distance.search", "distance.search")
-    assert owner_of("distance.search.curves") == "distance.search" and owner_of("distance.hausdorff") == "distance"
+    assert not is_below("_distance.search", "_distance.cells") and not is_below("_plot", "_io")
+    assert is_below("_distance.cells", "_distance.search") and is_below("_distance.search", "_distance.search")
+    assert owner_of("_distance.search.curves") == "_distance.search" and owner_of("_distance.hausdorff") == "_distance"
 
 
 def test_no_modules_import_each_other_in_a_circle():

@@ -23,10 +23,10 @@ from jhd.__main__ import main
 from jhd._cli import commands, comparisons
 from jhd._cli.report import progress_text
 from jhd._cli.warming import KINDS, Preparation, preparations
+from jhd._distance import pairs
+from jhd._fields.adaptive_build import MODES
+from jhd._fields.adaptive_samples import SIGNS
 from jhd._runtime import storage
-from jhd.distance import pairs
-from jhd.fields.adaptive_build import MODES
-from jhd.fields.adaptive_samples import SIGNS
 from jhd.io import load_result
 from jhd.progress import Progress
 from tests.processes import python

@@ -11,8 +11,8 @@ from jhd.__main__ import main
 from jhd._cli.lengths import length, rounded_diagonal, share_text
 from jhd._cli.options import kind_of
 from jhd._cli.report import shape_line
+from jhd._distance.decisions import decided
 from jhd._results.solution import name_of
-from jhd.distance.decisions import decided
 from jhd.io import save_mesh, save_surface
 
 # A square of side 1 at height 1 above one at height 0: the distance is 1 both ways, the diagonal the root of 3.

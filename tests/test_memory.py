@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.collections.table import check_table
+from jhd._fields.adaptive_extract import Leaves, extracted
 from jhd._runtime import memory
 from jhd._runtime.compiled import compiled
-from jhd.distance.collections.table import check_table
-from jhd.fields.adaptive_extract import Leaves, extracted
 from tests.sweeps import CPU_ONLY
 
 TABLE = 1 << 45

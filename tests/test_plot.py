@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import jhd
 from jhd import plot
-from jhd.plot.nets import quadrilaterals, quadrilaterals_of_patches
+from jhd._plot.nets import quadrilaterals, quadrilaterals_of_patches
 
 # An arch over a base line: the top of the arch, at t = 1/2, is 1 above the line.
 ARCH = jhd.BezierSegments([[[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]])

@@ -9,7 +9,7 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 import jhd
 from jhd import plot
-from jhd.plot.faces import DepthTree, eye_of
+from jhd._plot.faces import DepthTree, eye_of
 
 CUBE = np.array(
     [

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._plot.colored import distances_at, pieces_of, section
 from jhd._results.solution import name_of
-from jhd.plot.colored import distances_at, pieces_of, section
 
 
 @pytest.fixture(autouse=True)
@@ -97,7 +97,7 @@ def test_distances_that_are_known_are_not_searched_for_again(square, monkeypatch
     rows = np.random.default_rng(4).uniform(0, 1, (300, 3))
     found = jhd.deviation(jhd.point_set(rows), square.b, rtol=1e-4)
     exact = np.asarray(jhd.project(rows, square.b).distance)
-    monkeypatch.setattr("jhd.plot.colored.project", lambda *_, **__: pytest.fail("a search"))
+    monkeypatch.setattr("jhd._plot.colored.project", lambda *_, **__: pytest.fail("a search"))
     seen = distances_at(rows, square.b, float(found.maximum.value), found.samples)
     np.testing.assert_allclose(seen, exact, atol=float(found.maximum.value) / 256)
 

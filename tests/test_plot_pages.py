@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.plot import pages
+from jhd._plot import pages
 from tests.processes import ran
 
 BROWSERS = "chromium", "chromium-browser", "google-chrome", "chrome"

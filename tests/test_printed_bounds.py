@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 import jhd
 from jhd.__main__ import main
 from jhd._cli import collected, commands, report
+from jhd._distance.certificate.verification import Proven, sentence
+from jhd._plot import pages
 from jhd._results.solution import throw_unless_successful
+from jhd._runtime.decimals import interval_text, lower_text, upper_text
 from jhd.arithmetic import Interval
-from jhd.decimals import interval_text, lower_text, upper_text
-from jhd.distance.certificate.verification import Proven, sentence
-from jhd.plot import pages
 from jhd.progress import Progress
 from tests.test_solution import a_solution
 

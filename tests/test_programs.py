@@ -19,14 +19,14 @@ import pytest
 from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 import jhd
+from jhd._distance.normalization import directions
+from jhd._distance.normalization.from_host import from_host
+from jhd._distance.witness import balance
 from jhd._runtime import compiled as compiled_module
 from jhd._runtime import programs
 from jhd._runtime.compiled import asking, compiled
 from jhd._runtime.jax_internals import host_device
 from jhd._runtime.programs import NotKeptError, is_ours, name_of_program
-from jhd.distance.normalization import directions
-from jhd.distance.normalization.from_host import from_host
-from jhd.distance.witness import balance
 from tests.processes import at_once
 from tests.sweeps import CPU_ONLY
 
@@ -518,7 +518,7 @@ def test_results_stay_on_the_devices_of_the_arguments_and_only_those_of_the_firs
     script = """
 import jax, numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
-from jhd.distance.search.tree_pairs import _middles
+from jhd._distance.search.tree_pairs import _middles
 first, second = jax.devices()
 boxes = np.arange(96.0).reshape(2, 6, 8)
 for place in (first, second, NamedSharding(jax.make_mesh((2,), ("i",)), PartitionSpec("i"))):

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 import jhd
-import jhd.distance
+import jhd._distance
+import jhd._shapes
 import jhd.io
-import jhd.shapes
 from tests.processes import python
 
 # Names of the public interface that are built, with the parameters that they take.
@@ -89,7 +89,7 @@ KEYWORD_ONLY = {
     "minimize_hausdorff": ["temperature", "starts", "seed", "max_steps", "stop_below", "method", "progress"],
     "fit_curve": ["degree", "segments", "ends", "max_steps", "stop_below", "method"],
 }
-MODULES = [jhd, jhd.shapes, jhd.distance, jhd.io, jhd.published]
+MODULES = [jhd, jhd._shapes, jhd._distance, jhd.io, jhd.published]
 
 
 def found(path):
@@ -130,7 +130,7 @@ def test_every_public_method_is_documented_and_annotated():
 
 
 def test_names_below_are_those_on_top():
-    for module in (jhd.shapes, jhd.distance):
+    for module in (jhd._shapes, jhd._distance):
         for name, thing in public(module):
             # Abstract classes and the like, which few need, are public in their folder alone.
             assert getattr(jhd, name, thing) is thing, name

@@ -10,9 +10,9 @@ import pytest
 from mpmath import mp, mpf
 from scipy.spatial import KDTree
 
+from jhd._distance.nearest.surface_points import local_feet
+from jhd._distance.normalization.surfaces import Side
 from jhd._runtime.compiled import compiled
-from jhd.distance.nearest.surface_points import local_feet
-from jhd.distance.normalization.surfaces import Side
 from tests.surface_cases import CASES
 from tests.surface_reference import cloud, solve, values
 

@@ -17,7 +17,7 @@ print(proven)
 assert proven.lower <= 1.5 and proven.upper is not None and 1.5 <= proven.upper
 
 # The checker is a folder that needs only Python.
-checker = str(Path(jhd.__file__).parent / "distance/certificate/verification")
+checker = str(Path(jhd.__file__).parent / "_distance/certificate/verification")
 checked = subprocess.run([sys.executable, checker, "proof.json"], capture_output=True, text=True)
 print(checked.stdout.strip())
 assert checked.returncode == 0

@@ -13,17 +13,17 @@ import numpy as np
 
 import jhd
 from jhd._cli.comparisons import check_drawn
+from jhd._cli.console import busy, exit_status
 from jhd._cli.options import box_of, check_box, check_writable, is_polynomial, read_shape, search_of, tolerances_of
 from jhd._cli.output import TABLE_SUFFIXES, delivered, print_files
 from jhd._cli.report import neighbors_picture
+from jhd._io.errors import shown
+from jhd._io.glyphs import parse_font_spec
+from jhd._io.load import SHAPE_SUFFIXES
 from jhd._results.solution import names_of, to_plain
-from jhd.console import busy, exit_status
-from jhd.decimals import interval_text
+from jhd._runtime.decimals import interval_text
+from jhd._shapes.implicit import ImplicitSurface
 from jhd.io import load_glyphs
-from jhd.io.errors import shown
-from jhd.io.glyphs import parse_font_spec
-from jhd.io.load import SHAPE_SUFFIXES
-from jhd.shapes.implicit import ImplicitSurface
 
 _ALL = ":*"
 # Text beside shapes is rarely a point set.

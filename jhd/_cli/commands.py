@@ -22,20 +22,20 @@ from jhd._cli.comparisons import deviation as deviation
 from jhd._cli.comparisons import hausdorff as hausdorff
 from jhd._cli.comparisons import minimum as minimum
 from jhd._cli.comparisons import project as project
+from jhd._cli.console import busy, device, exit_status, json_text, paced, precision, timed
 from jhd._cli.options import box_of, check_writable, curve_of, kind_of, shape_of
 from jhd._cli.output import print_files
 from jhd._cli.report import check_picture_file, names_of, picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
+from jhd._distance.certificate.verification import sentence
+from jhd._io.certificates import verify_file
+from jhd._io.load import load_shape
+from jhd._io.meshes import MESH_SUFFIXES
 from jhd._results.solution import HausdorffSolution, name_of
 from jhd._runtime import storage
+from jhd._runtime.decimals import upper_text
 from jhd._runtime.programs import refused
-from jhd.console import busy, device, exit_status, json_text, paced, precision, timed
-from jhd.decimals import upper_text
-from jhd.distance.certificate.verification import sentence
 from jhd.io import save_curve, save_mesh
-from jhd.io.certificates import verify_file
-from jhd.io.load import load_shape
-from jhd.io.meshes import MESH_SUFFIXES
 from jhd.progress import Progress
 
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 import jhd
+from jhd._cli.console import INTERRUPTED, busy, device, exit_status, precision, timed
 from jhd._cli.lengths import rounded_diagonal
 from jhd._cli.options import (
     PROJECTIONS,
@@ -46,13 +47,12 @@ from jhd._cli.report import (
     space_picture,
 )
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
+from jhd._runtime.decimals import lower_text, upper_text
 from jhd._runtime.files import replace_file
-from jhd.console import INTERRUPTED, busy, device, exit_status, precision, timed
-from jhd.decimals import lower_text, upper_text
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.patch import AbstractPatch
 from jhd.progress import Callback, Progress
-from jhd.shapes.curve import AbstractCurve
-from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.patch import AbstractPatch
 
 # A directed distance whose bounds agree to this fraction is drawn.
 _CLOSED = 1e-6

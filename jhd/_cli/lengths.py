@@ -46,8 +46,8 @@ def rounded_diagonal(*shapes: Any) -> float:
         ValueError: the dimensions of the shapes differ.
     """
     # Help names lengths before the package is imported.
-    from jhd.distance.search.dispatch import diagonal_of
-    from jhd.shapes.checks import check_same_dim
+    from jhd._distance.search.dispatch import diagonal_of
+    from jhd._shapes.checks import check_same_dim
 
     for shape in shapes[1:]:
         check_same_dim(shapes[0].dim, shape.dim)

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 import jhd
-from jhd.distance.normalization.method import AbstractHausdorffMethod
-from jhd.distance.project_methods import AbstractProjectionMethod
-from jhd.distance.search.points import is_points
+from jhd._distance.normalization.method import AbstractHausdorffMethod
+from jhd._distance.project_methods import AbstractProjectionMethod
+from jhd._distance.search.points import is_points
+from jhd._io.clouds import load_points, rows_in
+from jhd._io.errors import read_text
+from jhd._io.load import SHAPE_SUFFIXES
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.polynomial_text import read as read_polynomial
 from jhd.io import load_shape
-from jhd.io.clouds import load_points, rows_in
-from jhd.io.errors import read_text
-from jhd.io.load import SHAPE_SUFFIXES
-from jhd.shapes.curve import AbstractCurve
-from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.polynomial_text import read as read_polynomial
 
 # Classes that a projection can be asked for by, with their subclasses.
 PROJECTIONS = (AbstractProjectionMethod, jhd.published.VertexVoxels)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from jhd._cli.console import json_text
 from jhd._runtime.files import replace_file
-from jhd.console import json_text
 
 # The suffixes of --out of commands whose result is a table.
 TABLE_SUFFIXES = ".csv", ".json"

@@ -13,17 +13,17 @@ import numpy as np
 
 from jhd import plot
 from jhd._cli.lengths import share_text
+from jhd._distance.deviation_solution import Deviation
+from jhd._distance.search.points import is_points
+from jhd._plot.pages import check_pages_in_space, page_of_figure
 from jhd._results.solution import RESULTS, Decision, HausdorffSolution, MinimumSolution, name_of
+from jhd._runtime.decimals import interval_text, lower_text, upper_text
 from jhd._runtime.files import replace_file
-from jhd.decimals import interval_text, lower_text, upper_text
-from jhd.distance.deviation_solution import Deviation
-from jhd.distance.search.points import is_points
-from jhd.plot.pages import check_pages_in_space, page_of_figure
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.patch import AbstractPatch
 from jhd.progress import Progress
-from jhd.shapes.curve import AbstractCurve
-from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch
 
 # The columns that locate a point on each kind of shape: its piece and the parameters there.
 PLACES = {

@@ -1,7 +1,7 @@
 """The calls of `jhd precompile`: for each kind of shape, small examples that compile the functions needed later.
 
 Compiled functions are kept by the kind of shape, the dimension and the degree. One function serves all curves of up to
-some dozens of segments (jhd.distance.normalization.curves), so a call on an example compiles the function for users'
+some dozens of segments (jhd._distance.normalization.curves), so a call on an example compiles the function for users'
 shapes.
 """
 

@@ -16,7 +16,7 @@ from jaxtyping import Array
 from jhd._results.outcomes import RESULTS, names_of
 from jhd._results.plain import to_plain
 from jhd._runtime.arrays import is_traced
-from jhd.decimals import lower_text, upper_text
+from jhd._runtime.decimals import lower_text, upper_text
 
 # What a notebook shows of a solution, as far as it has it.
 _SHOWN = (

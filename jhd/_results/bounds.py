@@ -8,7 +8,7 @@ import numpy as np
 from jhd._results.batches import AbstractResult
 from jhd._results.display import fields_shown
 from jhd._runtime.arrays import is_traced
-from jhd.decimals import interval_text
+from jhd._runtime.decimals import interval_text
 
 
 class AbstractBounds(AbstractResult):

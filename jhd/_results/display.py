@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from jhd._runtime.arrays import is_traced
-from jhd.decimals import lower_text, upper_text
+from jhd._runtime.decimals import lower_text, upper_text
 
 BoundText = Callable[..., str]
 

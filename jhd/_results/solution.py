@@ -29,7 +29,7 @@ from jhd._results.plain import to_plain as to_plain
 from jhd._results.unproven import NotProvenError as NotProvenError
 from jhd._results.unproven import throw_unless_successful as throw_unless_successful
 from jhd._runtime.arrays import is_traced
-from jhd.decimals import lower_text, point_text, upper_text
+from jhd._runtime.decimals import lower_text, point_text, upper_text
 
 
 def with_result(solution: Any, result: Any) -> Any:

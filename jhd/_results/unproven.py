@@ -10,7 +10,7 @@ import numpy as np
 from jhd._results.bounds import Bounds
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import is_traced
-from jhd.decimals import lower_text, upper_text
+from jhd._runtime.decimals import lower_text, upper_text
 
 # What ends a search whose bounds a wider tolerance would have taken, and how that is asked for.
 _TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.nonisolated_maxima)}

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arithmetic import balls
-from jhd.arithmetic.balls import Ball
+from jhd._arithmetic import balls
+from jhd._arithmetic.balls import Ball
 from tests.rounding.interpreter import evaluate
 from tests.rounding.numbers import Rounded, exactly
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jhd.arithmetic import bernstein, rounding
+from jhd._arithmetic import bernstein, rounding
 
 ATTEMPTS = settings(max_examples=25, deadline=None, derandomize=True)
 DEGREES = (0, 1, 3, 6)

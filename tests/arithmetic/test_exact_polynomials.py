@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jhd.arithmetic import exact_polynomials as exact
+from jhd._arithmetic import exact_polynomials as exact
 
 
 def made(terms, shape):

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jhd.arithmetic.interval import Interval
+from jhd._arithmetic.interval import Interval
 
 ATTEMPTS = settings(max_examples=40, deadline=None, derandomize=True)
 # An operation widens by up to four units in the last place at each end; six of them, a cube among them, by no more.

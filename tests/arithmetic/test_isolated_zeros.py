@@ -5,9 +5,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jhd.arithmetic import exact_polynomials
-from jhd.arithmetic.isolated_zeros import isolated_zeros
-from jhd.shapes.implicit import ImplicitSurface
+from jhd._arithmetic import exact_polynomials
+from jhd._arithmetic.isolated_zeros import isolated_zeros
+from jhd._shapes.implicit import ImplicitSurface
 
 SPHERE = "(x**2 + y**2 + z**2 - 1)"
 SIDE = 1.6

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from jhd.arithmetic.least_squares import non_negative
+from jhd._arithmetic.least_squares import non_negative
 
 
 @pytest.mark.parametrize("size", [1.0, 1e17])

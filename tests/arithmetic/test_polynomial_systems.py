@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import Array
 
+from jhd._arithmetic import polynomial_systems
+from jhd._arithmetic.polynomial_systems import Roots, solve
 from jhd._results.solution import name_of
-from jhd.arithmetic import polynomial_systems
-from jhd.arithmetic.polynomial_systems import Roots, solve
 from tests.sweeps import swept
 
 ATTEMPTS = settings(max_examples=20, deadline=None, derandomize=True)

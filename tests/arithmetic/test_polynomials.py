@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.polynomial import polyder, polyval3d
 
-from jhd.arithmetic.polynomials import jets, slopes
+from jhd._arithmetic.polynomials import jets, slopes
 
 
 def derivative(coefficients, point, *axes):

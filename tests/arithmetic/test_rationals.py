@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
+from jhd._arithmetic.rationals import float_above, float_below, float_near, root_between
 
 NU = {np.float64: 2.0**-1022, np.float32: 2.0**-126}
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jhd.arithmetic import rounding
+from jhd._arithmetic import rounding
 
 ATTEMPTS = settings(max_examples=25, deadline=None, derandomize=True)
 DTYPES = (np.float64, np.float32)

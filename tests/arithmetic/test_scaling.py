@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arithmetic.scaling import ldexp, length, scale_of, times_two_to, unit
+from jhd._arithmetic.scaling import ldexp, length, scale_of, times_two_to, unit
 
 
 @pytest.mark.parametrize("exponent", [-1000, -600, 0, 600, 1020])

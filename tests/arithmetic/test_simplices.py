@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from jhd.arithmetic.simplices import dividing, lattice, multinomials
+from jhd._arithmetic.simplices import dividing, lattice, multinomials
 
 # Twice the barycentric coordinates of the corners of halves and quarters.
 PARTS = {

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._arithmetic import rounding, trivariate
+from jhd._arithmetic.trivariate import affine_range, local_form, modified_affine_range
 from jhd._runtime.compiled import compiled
-from jhd.arithmetic import rounding, trivariate
-from jhd.arithmetic.trivariate import affine_range, local_form, modified_affine_range
 from tests.sweeps import swept
 
 ENCLOSE = compiled(trivariate.enclose, (3,))

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product, reciprocal
+from jhd._arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product, reciprocal
 
 CASES = 8
 PRODUCT, COMPOSED, LARGEST, RECIPROCAL = (jax.jit(f) for f in (product, composed, largest, reciprocal))

@@ -4,7 +4,7 @@ from tests.defects.runner import within
 
 DEFECTS = [
     *within(
-        "arithmetic/balls.py",
+        "_arithmetic/balls.py",
         "arithmetic/test_balls.py",
         ("x - gamma(3, size.dtype) * size - 4", "x - 4", "test_the_ends_of_balls_lie_outside"),
         ("size - 4 * smallest_normal(size.dtype)", "size", "test_the_ends_of_balls_lie_outside"),
@@ -40,13 +40,13 @@ DEFECTS = [
         ),
     ),
     *within(
-        "arithmetic/rounding.py",
+        "_arithmetic/rounding.py",
         "arithmetic/test_rounding.py",
         ("1.02 * operations", "1.0 * operations", "test_gamma_is_above_its_formula"),
         (" + 2 * operations * smallest_normal(m.dtype)", "", "test_gamma_is_above_its_formula"),
     ),
     *within(
-        "arithmetic/interval.py",
+        "_arithmetic/interval.py",
         "arithmetic/test_interval.py",
         (
             "(other.lower <= 0) & (other.upper >= 0)",
@@ -68,7 +68,7 @@ DEFECTS = [
         ("jnp.where(upper > 0, rounding.round_up(upper), 0.0)", "upper", "test_a_square_root_squared_holds_the_number"),
     ),
     *within(
-        "arithmetic/bernstein.py",
+        "_arithmetic/bernstein.py",
         "arithmetic/test_bernstein.py",
         (
             "return n * jnp.diff(coefficients, axis=axis)",
@@ -93,18 +93,18 @@ DEFECTS = [
         ),
     ),
     *within(
-        "arithmetic/scaling.py",
+        "_arithmetic/scaling.py",
         "arithmetic/test_scaling.py",
         ("some = square != 0", "some = square > 0", "test_a_length_of_what_is_no_number_is_none"),
     ),
     *within(
-        "arithmetic/rationals.py",
+        "_arithmetic/rationals.py",
         "arithmetic/test_rationals.py",
         ("Fraction(root + 1)", "Fraction(root)", "test_a_root_lies_between_its_bounds_which_are_close"),
         ("-nu if x < 0 else 0.0", "0.0", "test_what_is_below_the_smallest_and_above_the_largest_normal_number"),
     ),
     *within(
-        "arithmetic/truncated.py",
+        "_arithmetic/truncated.py",
         "arithmetic/test_truncated.py",
         (
             "jnp.where(near, rest, jnp.inf)",
@@ -124,7 +124,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "arithmetic/trivariate.py",
+        "_arithmetic/trivariate.py",
         "arithmetic/test_trivariate.py",
         (
             "rounding.absolute_error(roundings + 8, magnitude) + absolute",
@@ -138,7 +138,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "arithmetic/box_systems.py",
+        "_arithmetic/box_systems.py",
         "arithmetic/test_polynomial_systems.py",
         (
             "jnp.min(c, axis=others) - errors",
@@ -148,7 +148,7 @@ DEFECTS = [
         ("jnp.where(v[0] > 0, x, 0.0)", "x", "test_each_root_in_one_variable_lies_in_one_narrow_box"),
     ),
     *within(
-        "arithmetic/polynomial_systems.py",
+        "_arithmetic/polynomial_systems.py",
         "arithmetic/test_polynomial_systems.py",
         (
             "jnp.where(final | no_room, FINAL, 2 * table.boxes + 1)",
@@ -167,7 +167,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "arithmetic/isolated_zeros.py",
+        "_arithmetic/isolated_zeros.py",
         "arithmetic/test_isolated_zeros.py",
         ("square - 4 * curved * value", "square + 4 * curved * value", "test_a_point_inside_a_sphere_is_there_or_not"),
     ),

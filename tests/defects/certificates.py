@@ -1,10 +1,10 @@
-"""Defects of jhd.distance.certificate, and the tests that notice them."""
+"""Defects of jhd._distance.certificate, and the tests that notice them."""
 
 from tests.defects.runner import within
 
 DEFECTS = [
     *within(
-        "distance/certificate/verification/proofs.py",
+        "_distance/certificate/verification/proofs.py",
         "distance/certificate/test_verification.py",
         (
             "- p.reach - q.reach",
@@ -18,7 +18,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/certificate/verification/proofs.py",
+        "_distance/certificate/verification/proofs.py",
         "distance/certificate/test_verification.py",
         ('if entry["bound"] > claim["upper"]:', "if False:", "test_what_is_wrong_is_named"),
         (
@@ -43,7 +43,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/certificate/verification/apart.py",
+        "_distance/certificate/verification/apart.py",
         "distance/certificate/test_verification.py",
         ("if gap < 0 or gap * gap <", "if gap * gap <", "test_what_is_wrong_with_a_least_distance_is_named"),
         (
@@ -55,7 +55,7 @@ DEFECTS = [
         ("if next(numbered, None) is not None:", "if False:", "test_what_is_wrong_with_a_least_distance_is_named"),
     ),
     *within(
-        "distance/certificate/verification/cells.py",
+        "_distance/certificate/verification/cells.py",
         "distance/certificate/test_verification.py",
         ("if cell[0] > reached:", "if False:", "test_what_is_wrong_is_named"),
         ("while reached < 1 or follows:", "while follows:", "test_what_is_wrong_is_named"),
@@ -67,7 +67,7 @@ DEFECTS = [
         ("if len(cell) > MOST_CUTS:", "if False:", "test_what_is_wrong_with_surfaces_is_named"),
     ),
     *within(
-        "distance/certificate/verification/polynomials.py",
+        "_distance/certificate/verification/polynomials.py",
         "distance/certificate/test_verification.py",
         (
             "if any(f.get(corner, 0) < 0 for corner in _corners(split)):",
@@ -81,7 +81,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/certificate/verification/convexity.py",
+        "_distance/certificate/verification/convexity.py",
         "distance/certificate/test_surface_certificates.py",
         (
             "return plane >= 0 and _is_convex(f, domain, degree)",
@@ -91,7 +91,7 @@ DEFECTS = [
         ("return plane >= 0 and", "return", "test_a_polynomial_next_to_zero_inside_is_proven_by_a_plane"),
     ),
     *within(
-        "distance/certificate/verification/zeros.py",
+        "_distance/certificate/verification/zeros.py",
         "distance/certificate/test_surface_certificates.py",
         ("if first * last > 0:", "if False:", "test_a_point_that_is_a_zero_of_an_even_polynomial_is_proven_exactly"),
         (
@@ -106,7 +106,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/certificate/verification/structure.py",
+        "_distance/certificate/verification/structure.py",
         "distance/certificate/test_verification.py",
         ("if not any(x > 0 for row in rows for x in row):", "if False:", "test_what_is_wrong_is_named"),
         ("if not any(normal):", "if False:", "test_what_is_wrong_with_a_least_distance_is_named"),
@@ -122,7 +122,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/certificate/verification/values.py",
+        "_distance/certificate/verification/values.py",
         "distance/certificate/test_verification.py",
         ("if isinstance(value, int) and abs(value) > 2**53:", "if False:", "test_what_is_wrong_is_named"),
         ("if min(values) <= 0:", "if min(values) < 0:", "test_what_is_wrong_is_named"),

@@ -1,10 +1,10 @@
-"""Defects of the other folders of jhd.distance, and the tests that notice them."""
+"""Defects of the other folders of jhd._distance, and the tests that notice them."""
 
 from tests.defects.runner import within
 
 DEFECTS = [
     *within(
-        "distance/normalization/net_jets.py",
+        "_distance/normalization/net_jets.py",
         "rounding/test_kernels.py",
         ("(3 if net.weights is None else 6)", "3", "test_points_of_nets_and_of_their_parts_are_as_close_as_told"),
         ("(7 if net.weights is None else 20)", "7", "test_points_of_nets_and_of_their_parts_are_as_close_as_told"),
@@ -20,12 +20,12 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/normalization/curves.py",
+        "_distance/normalization/curves.py",
         "rounding/test_kernels.py",
         ("math.sqrt(dim) * gamma(4 * (degree + 7) + 1, dtype)", "0.0", "test_curves_are_moved_by_at_most_what_is_told"),
     ),
     *within(
-        "distance/witness/derivative.py",
+        "_distance/witness/derivative.py",
         "distance/witness/test_derivative.py",
         (
             "for _ in range(2):\n            s = active.stationary",
@@ -34,7 +34,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/witness/balance.py",
+        "_distance/witness/balance.py",
         "distance/witness/test_sizes.py",
         (
             " | (size**2 < smallest_normal(x.dtype)), ~inside",
@@ -53,7 +53,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/witness/events.py",
+        "_distance/witness/events.py",
         "distance/witness/test_events.py",
         (
             "EVENTS.where(self.around.corner, EVENTS.corner, event)",
@@ -73,7 +73,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/witness/active.py",
+        "_distance/witness/active.py",
         "distance/witness/test_derivative.py",
         ("change = -_solve(", "change = _solve(", "test_the_witness_moves_as_differences_say"),
         ("jnp.where(normal @ c < 0, -normal, normal)", "normal", "test_the_gradient_agrees_with_differences"),
@@ -94,7 +94,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/witness/derivative.py",
+        "_distance/witness/derivative.py",
         "distance/witness/test_derivative.py",
         (
             "jnp.sum(pulls * (point - feet))",
@@ -118,7 +118,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/normalization/custom_derivatives.py",
+        "_distance/normalization/custom_derivatives.py",
         "distance/witness/test_derivative.py",
         (
             "usable = where & jnp.isfinite(number) & jnp.isfinite(other)",
@@ -127,7 +127,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/normalization/coordinates.py",
+        "_distance/normalization/coordinates.py",
         "distance/normalization/test_curves.py",
         (
             "exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)",
@@ -146,7 +146,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/normalization/implicit_derivatives.py",
+        "_distance/normalization/implicit_derivatives.py",
         "distance/normalization/test_implicit_derivatives.py",
         (
             "jnp.where(usable.reshape(-1, *[1] * (x.ndim - 1)), x, 0.0)",
@@ -160,7 +160,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/decisions.py",
+        "_distance/decisions.py",
         "distance/test_decision.py",
         ("upper <= most, lower > most", "lower <= most, lower > most", "test_a_threshold_inside_the_gap_is_undecided"),
         ("upper <= most, lower > most", "upper <= most, upper > most", "test_a_threshold_inside_the_gap_is_undecided"),
@@ -172,7 +172,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/pairs.py",
+        "_distance/pairs.py",
         "distance/test_hausdorff.py",
         (
             "there, self.measured(turned=True,",
@@ -186,7 +186,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/minimum.py",
+        "_distance/minimum.py",
         "distance/test_points.py",
         (
             "return replace(found, point_a=found.point_b, point_b=found.point_a)",
@@ -200,7 +200,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/search/branch_and_bound.py",
+        "_distance/search/branch_and_bound.py",
         "distance/test_minimum.py",
         (
             "if given:\n        written",
@@ -209,7 +209,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/collections/entries.py",
+        "_distance/collections/entries.py",
         "distance/test_collections.py",
         (
             "near &= columns[None, :] > rows[:, None]",
@@ -223,7 +223,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/collections/neighbors.py",
+        "_distance/collections/neighbors.py",
         "distance/test_collections.py",
         ("near[each, index] = False", "near[each, index] = True", "test_ties_are_named"),
         (
@@ -238,7 +238,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/collections/pivots.py",
+        "_distance/collections/pivots.py",
         "distance/test_collections.py",
         (
             "jnp.where(low <= reach, high_b, -jnp.inf), axis=1) + reach",
@@ -252,7 +252,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/collections/store.py",
+        "_distance/collections/store.py",
         "distance/collections/test_store.py",
         (
             "if rows.dtype != _PART or rows.shape != (count,):",
@@ -262,7 +262,7 @@ DEFECTS = [
         ("if found != mine:", "if False:", "test_a_store_of_something_else_is_refused_and_both_fingerprints_are_named"),
     ),
     *within(
-        "distance/collections/blocks.py",
+        "_distance/collections/blocks.py",
         "distance/test_collections.py",
         (
             "return Aim(jnp.maximum(aim.level, found.lower), most), found",
@@ -271,7 +271,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/statistics/statistics.py",
+        "_distance/statistics/statistics.py",
         "distance/statistics/test_statistics.py",
         (
             "ends = (bounds.lower, -1), (bounds.upper, 1)",
@@ -295,7 +295,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/published/trimming.py",
+        "_distance/published/trimming.py",
         "distance/published/test_trimming.py",
         (
             "rows = np.flatnonzero(values[0] >= level)",
@@ -309,7 +309,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/published/cube_intervals.py",
+        "_distance/published/cube_intervals.py",
         "distance/published/test_cube_intervals.py",
         (
             "np.maximum(steps - 1, 0) ** 2, (steps + 1) ** 2",

@@ -1,10 +1,10 @@
-"""Defects of jhd.fields, and the tests that notice them."""
+"""Defects of jhd._fields, and the tests that notice them."""
 
 from tests.defects.runner import within
 
 DEFECTS = [
     *within(
-        "fields/distance_transform.py",
+        "_fields/distance_transform.py",
         "fields/test_distance_transform.py",
         (
             "jnp.where(grid, -here, there)",
@@ -29,7 +29,7 @@ DEFECTS = [
         ("if not np.all(known > 0):", "if not np.all(known >= 0):", "test_what_makes_no_sense_is_refused"),
     ),
     *within(
-        "fields/distance_map.py",
+        "_fields/distance_map.py",
         "fields/test_distance_map.py",
         (
             "frame.length(rounding.gamma(_ROUNDINGS, dtype)) + deviation +",
@@ -53,7 +53,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "fields/adaptive_error.py",
+        "_fields/adaptive_error.py",
         "fields/test_adaptive.py",
         (
             "np.max(boxes.values[:, None] + apart, axis=2) - low",
@@ -62,7 +62,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "fields/octree.py",
+        "_fields/octree.py",
         "fields/test_octree.py",
         (
             "above[left[some]] |= exact >= 0",

@@ -1,10 +1,10 @@
-"""Defects of the modules of jhd itself, of jhd.io, jhd.fitting and jhd.plot, and the tests that notice them."""
+"""Defects of the modules of jhd itself, of jhd.io, jhd._fitting and jhd.plot, and the tests that notice them."""
 
 from tests.defects.runner import within
 
 DEFECTS = [
     *within(
-        "io/svg_paths.py",
+        "_io/svg_paths.py",
         "io/test_svg_paths.py",
         (
             "v.real * side.imag - v.imag * side.real < 0",
@@ -13,7 +13,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "io/path_text.py",
+        "_io/path_text.py",
         "io/test_path_text.py",
         ("return bulge if sweep else -bulge", "return bulge", "test_an_arc_lies_on_its_ellipse_between_its_angles"),
         ("sine = min(1.0, ", "sine = (", "test_radii_that_are_too_small_are_scaled_up_to_a_half_turn"),
@@ -26,13 +26,13 @@ DEFECTS = [
         ('if not drawing.contours and command not in "Mm":', "if False:", "test_errors_say_where_and_what"),
     ),
     *within(
-        "io/meshes.py",
+        "_io/meshes.py",
         "io/test_meshes.py",
         ("if i == 0 or i < -count:", "if False:", "test_what_cannot_be_read_is_refused_in_one_line_with_its_place"),
         ("if np.abs(corners).max() > limit:", "if False:", "test_what_cannot_be_written_is_refused"),
     ),
     *within(
-        "io/ply.py",
+        "_io/ply.py",
         "io/test_meshes.py",
         (
             "if len(fields) != len(element.properties):",
@@ -42,12 +42,12 @@ DEFECTS = [
         ("if content[at:].strip():", "if False:", "test_what_cannot_be_read_is_refused_in_one_line_with_its_place"),
     ),
     *within(
-        "io/clouds.py",
+        "_io/clouds.py",
         "io/test_clouds.py",
         ("if len(found.sizes):", "if False:", "test_a_ply_file_with_faces_is_no_point_cloud"),
     ),
     *within(
-        "io/outward.py",
+        "_io/outward.py",
         "io/test_outward.py",
         (
             "if shape.weights is not None and not homogeneous:",
@@ -66,12 +66,12 @@ DEFECTS = [
         ),
     ),
     *within(
-        "io/iges.py",
+        "_io/iges.py",
         "io/test_iges.py",
         ("if not shapes:", "if False:", "test_entities_that_cannot_be_read_are_refused_by_name_and_line"),
     ),
     *within(
-        "io/iges_file.py",
+        "_io/iges_file.py",
         "io/test_iges.py",
         (
             "if len(text) != _WIDTH:",
@@ -169,7 +169,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/normalization/from_host.py",
+        "_distance/normalization/from_host.py",
         "test_programs.py",
         (
             "with jax.default_device(device):",
@@ -227,7 +227,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "decimals.py",
+        "_runtime/decimals.py",
         "test_printed_bounds.py",
         (
             "_text(float(bound), spec, ROUND_FLOOR)",
@@ -298,14 +298,14 @@ DEFECTS = [
         ),
     ),
     *within(
-        "fitting/subproblem.py",
+        "_fitting/subproblem.py",
         "fitting/test_subproblem.py",
         ("x[:-1] - 1, -x[:-1] - 1", "x[:-1] - 9, -x[:-1] - 9", "test_the_radius_bounds_each_parameter"),
         ("np.diag(price)", "0 * np.diag(price)", "test_a_price_keeps_multipliers_away"),
         ("0.5 * curved @ x[:-1]", "0.0 * curved @ x[:-1]", "test_no_sampled_step_is_better"),
     ),
     *within(
-        "fitting/soft.py",
+        "_fitting/soft.py",
         "fitting/test_soft.py",
         (
             "hard = carrying(found.upper, found.value)",
@@ -324,7 +324,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "fitting/host_bounds.py",
+        "_fitting/host_bounds.py",
         "fitting/test_host_bounds.py",
         ("below = away - radius -", "below = away -", "test_distances_of_dense_samples_are_between_the_bounds"),
         (
@@ -344,13 +344,13 @@ DEFECTS = [
         ),
     ),
     *within(
-        "fitting/clock.py",
+        "_fitting/clock.py",
         "fitting/test_clock.py",
         ("if self.is_over():", "if False:", "test_an_evaluation_is_given_up_when_the_time_is_over"),
         ("now + (1 + _FOR_PROOF) * limit", "now + limit", "test_the_proof_has_a_tenth_of_the_time_more"),
     ),
     *within(
-        "fitting/annealing.py",
+        "_fitting/annealing.py",
         "fitting/test_annealing.py",
         (
             "if statistic is not None and statistic != MaxDistance():",

@@ -1,10 +1,10 @@
-"""Defects of jhd.distance.cells, nearest and search, and the tests that notice them."""
+"""Defects of jhd._distance.cells, nearest and search, and the tests that notice them."""
 
 from tests.defects.runner import within
 
 DEFECTS = [
     *within(
-        "distance/cells/branches.py",
+        "_distance/cells/branches.py",
         "rounding/test_margins.py",
         (
             "relative = gamma(2 * (3 * p + q * (g + 4) + 5 * n) + 20, dtype)",
@@ -18,7 +18,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/nearest/curves.py",
+        "_distance/nearest/curves.py",
         "rounding/test_margins.py",
         (
             "jnp.maximum(least, 0.0)) * (1 - gamma(7 * q + 12, dtype))",
@@ -27,7 +27,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/search/curves.py",
+        "_distance/search/curves.py",
         "distance/search/test_error_terms.py",
         ("found.upper + error", "found.upper", "test_the_bounds_of_a_step_are_widened"),
         ("measured.lower - error, state.lower", "measured.lower, state.lower", "test_the_bounds_of_a_step_are_widened"),
@@ -44,7 +44,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/triangles.py",
+        "_distance/cells/triangles.py",
         "distance/cells/test_triangles.py",
         (
             "self.size * (gamma(40, self.corners.dtype) + ",
@@ -73,7 +73,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/nearest/forms.py",
+        "_distance/nearest/forms.py",
         "rounding/test_kernels.py",
         (
             "rest + gamma(terms.shape[0] + 8, terms.dtype) * sizes",
@@ -109,12 +109,12 @@ DEFECTS = [
         ("most + slack", "most", "test_bounds_have_room_for_the_derived_error[farthest"),
     ),
     *within(
-        "distance/cells/surfaces.py",
+        "_distance/cells/surfaces.py",
         "rounding/test_kernels.py",
         (" + 2 * jnp.sum(reach * wrong, axis=1)", "", "test_bounds_have_room_for_the_derived_error[upper"),
     ),
     *within(
-        "distance/nearest/stationarity.py",
+        "_distance/nearest/stationarity.py",
         "rounding/test_kernels.py",
         (
             "error = gamma(4 * n + point.shape[0] + 16, e.dtype)",
@@ -123,7 +123,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/nearest/surface_points.py",
+        "_distance/nearest/surface_points.py",
         "rounding/test_kernels.py",
         (
             " * (1 + 8 * unit_roundoff(dtype))\n\n\ndef thorough",
@@ -132,7 +132,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/nearest/chords.py",
+        "_distance/nearest/chords.py",
         "rounding/test_kernels.py",
         (
             "return 4 * math.sqrt(dim) * gamma(40, dtype)",
@@ -141,7 +141,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/graphs.py",
+        "_distance/cells/graphs.py",
         "rounding/test_kernels.py",
         (
             "math.sqrt(3) * gamma(64, size.dtype) * size",
@@ -150,7 +150,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/nearest/curves.py",
+        "_distance/nearest/curves.py",
         "rounding/test_kernels.py",
         (
             "length * (1 + gamma(3 * degree + dim + 6, vector.dtype))",
@@ -160,7 +160,7 @@ DEFECTS = [
         (" + _eta(degree, dim, radius)\n", "\n", "test_distances_of_points_have_room_for_the_derived_error"),
     ),
     *within(
-        "distance/search/curves.py",
+        "_distance/search/curves.py",
         "distance/search/test_error_terms.py",
         (
             "closed=jnp.maximum(closed, lost), dropped",
@@ -174,7 +174,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/search/curves.py",
+        "_distance/search/curves.py",
         "distance/search/test_branch_and_bound.py",
         (
             "(state.lower <= aim.ceiling) & (state.steps < limit)",
@@ -193,7 +193,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/branches.py",
+        "_distance/cells/branches.py",
         "distance/cells/test_branches.py",
         (
             "jnp.max(jnp.min(jax.vmap(halves)(both.e, both.w), axis=0))",
@@ -207,7 +207,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/pairs.py",
+        "_distance/cells/pairs.py",
         "distance/cells/test_pairs.py",
         (
             "wrong = 16.0 * max(1,",
@@ -221,7 +221,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/search/patch_boxes.py",
+        "_distance/search/patch_boxes.py",
         "distance/search/test_patch_boxes.py",
         (
             "half = 0.5 * (high - low)",
@@ -235,12 +235,12 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/squared_distance_bounds.py",
+        "_distance/cells/squared_distance_bounds.py",
         "distance/cells/test_squared_distance_bounds.py",
         ("lower - smallest_normal(np.float64)", "lower", "test_subnormal_distances_are_not_rounded_upward"),
     ),
     *within(
-        "distance/cells/weighted.py",
+        "_distance/cells/weighted.py",
         "distance/cells/test_weighted.py",
         (
             "return least * (1 - room), min(most + room * top, top)",
@@ -265,7 +265,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/signs.py",
+        "_distance/cells/signs.py",
         "distance/cells/test_surfaces.py",
         (
             "below & above & inside & jnp.isfinite(lengths)",
@@ -275,7 +275,7 @@ DEFECTS = [
         ("ends[1] < -1.01 * error", "ends[1] < 1e30 * error", "test_a_polynomial_of_one_sign_has_no_bound_from_signs"),
     ),
     *within(
-        "distance/cells/tracked_feet_surfaces.py",
+        "_distance/cells/tracked_feet_surfaces.py",
         "distance/cells/test_tracked_feet_surfaces.py",
         (
             "total = (far + off) *",
@@ -289,7 +289,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/tracked_feet_surfaces.py",
+        "_distance/cells/tracked_feet_surfaces.py",
         "distance/cells/test_narrowed.py",
         (
             "others + f.rest[0] + f.error[0]",
@@ -298,7 +298,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/linear_proxies.py",
+        "_distance/cells/linear_proxies.py",
         "distance/cells/test_linear_proxies.py",
         (
             "some = square > 0\n",
@@ -307,7 +307,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/nearest/curves.py",
+        "_distance/nearest/curves.py",
         "distance/nearest/test_curves.py",
         (
             "overflowed = state.overflowed | jnp.any(keep & ~room)",
@@ -326,7 +326,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/nearest/feet.py",
+        "_distance/nearest/feet.py",
         "distance/nearest/test_feet.py",
         (
             "-downhill * jnp.sign(here.residual))",
@@ -345,7 +345,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/search/distribution.py",
+        "_distance/search/distribution.py",
         "distance/test_deviation.py",
         (
             "lower = _down(np.maximum(found.lower.astype(np.float64) - slack, 0.0))",

@@ -1,10 +1,10 @@
-"""Defects of jhd.shapes and jhd.triangles, and the tests that notice them."""
+"""Defects of jhd._shapes and jhd._triangles, and the tests that notice them."""
 
 from tests.defects.runner import within
 
 DEFECTS = [
     *within(
-        "shapes/patch_cells.py",
+        "_shapes/patch_cells.py",
         "shapes/test_patch.py",
         (
             "2 * border, 2 * high)",
@@ -18,7 +18,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "triangles/winding.py",
+        "_triangles/winding.py",
         "distance/nearest/test_meshes.py",
         (
             "inside[rows] = np.abs(number) >= 0.5",
@@ -32,13 +32,13 @@ DEFECTS = [
         ),
     ),
     *within(
-        "triangles/triangle_pairs.py",
+        "_triangles/triangle_pairs.py",
         "triangles/test_triangle_pairs.py",
         ("- gamma(48, dtype) * size) * (1", ") * (1", "test_bounds_hold_the_exact_distance"),
         (" + gamma(48, dtype) * size + absolute_floor(dtype)", "", "test_bounds_hold_the_exact_distance"),
     ),
     *within(
-        "triangles/point_triangle.py",
+        "_triangles/point_triangle.py",
         "triangles/test_closest_point.py",
         (
             "return gamma(64, dtype) + 6.2 * defect",
@@ -52,7 +52,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "triangles/pseudonormal.py",
+        "_triangles/pseudonormal.py",
         "distance/nearest/test_meshes.py",
         (
             "outward = 1.0 if float(mesh.volume) >= 0 else -1.0",
@@ -66,7 +66,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "shapes/mesh.py",
+        "_shapes/mesh.py",
         "shapes/test_mesh.py",
         (
             "(a * xp.cross(b, c)).sum() / 6",
@@ -87,7 +87,7 @@ DEFECTS = [
         ("(edges.count == 1) | (edges.balance == 0)", "edges.count > 0", "test_borders_and_orientation_are_seen"),
     ),
     *within(
-        "shapes/curve.py",
+        "_shapes/curve.py",
         "shapes/test_curve.py",
         ("turned(self.next_segment))", "self.next_segment)", "test_reversal_turns_segments_and_joints_around"),
         (
@@ -103,7 +103,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "shapes/joints.py",
+        "_shapes/joints.py",
         "shapes/test_curve.py",
         ("meets &= ~single[start] | (start == rows[row] + 1)", "meets &= True", "test_joints_of_polylines"),
         (
@@ -113,7 +113,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "shapes/checks.py",
+        "_shapes/checks.py",
         "shapes/test_bezier.py",
         (
             "np.argwhere(np.asarray(weights) <= 0)",
@@ -128,12 +128,12 @@ DEFECTS = [
         ),
     ),
     *within(
-        "shapes/homogeneous.py",
+        "_shapes/homogeneous.py",
         "shapes/test_bezier.py",
         ("(b - a) * math.comb(n, a)", "math.comb(n, a)", "test_derivative_agrees_with_differences"),
     ),
     *within(
-        "shapes/bspline.py",
+        "_shapes/bspline.py",
         "shapes/test_bspline.py",
         ("xp.where(xp.asarray(jumps)[index], -1, index)", "index", "test_a_jump_is_a_free_end_and_a_kink_is_none"),
         ("jnp.where(index + n + 1 <= span, index + n + 1, index)", "index", "test_knot_insertion_keeps_the_curve"),
@@ -144,7 +144,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "shapes/knots.py",
+        "_shapes/knots.py",
         "shapes/test_bspline.py",
         (
             "positive, numerator / xp.where(positive, width, 1.0), 0.0)",
@@ -154,13 +154,13 @@ DEFECTS = [
         ("(knots[p : p + count] == knots[:count]) |", "", "test_a_jump_is_a_free_end_and_a_kink_is_none"),
     ),
     *within(
-        "shapes/flattening.py",
+        "_shapes/flattening.py",
         "shapes/test_flattening.py",
         ("norm * radial * (1 + _ROOM)", "0 * norm * radial", "test_cubics_of_arcs_of_ellipses_are_near_both_ways"),
         ("if not tolerance >= least:", "if not tolerance >= 0:", "test_what_cannot_be_done_is_refused"),
     ),
     *within(
-        "shapes/biarc.py",
+        "_shapes/biarc.py",
         "shapes/test_biarc.py",
         ("if wanted < least or wanted <= 0:", "if wanted <= 0:", "test_what_cannot_be_approximated_is_refused"),
         ("4 * b / (length * (1 + b * b))", "2 * b / (length * (1 + b * b))", "test_the_arcs_of_a_circle_lie_on_it"),

@@ -8,9 +8,9 @@ from tests.defects.table import DEFECTS
 FILES = sorted({defect.file for defect in DEFECTS})
 # One of each kind, by file and new text: an error term, a bound of a search, the checker, a file from elsewhere.
 FEW = {
-    ("arithmetic/balls.py", "x - 4"),
-    ("distance/search/curves.py", "closed=closed, dropped"),
-    ("distance/certificate/verification/proofs.py", "+ p.reach + q.reach"),
+    ("_arithmetic/balls.py", "x - 4"),
+    ("_distance/search/curves.py", "closed=closed, dropped"),
+    ("_distance/certificate/verification/proofs.py", "+ p.reach + q.reach"),
     ("_runtime/storage.py", "return body"),
 }
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 import jhd
-from jhd.distance.normalization.curves import padded_count, raised_degree
+from jhd._distance.normalization.curves import padded_count, raised_degree
 from tests import reference
 from tests.cases import CASES
 from tests.sweeps import swept

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.collections import blocks, tasks
 from jhd._results.solution import names_of
-from jhd.distance.collections import blocks, tasks
 
 
 def squares(sides):
@@ -146,7 +146,7 @@ def test_what_a_pair_gets_depends_on_nothing_else(every):
 
 @pytest.mark.slow
 def test_padded_curves_are_kept_as_far_as_there_is_room(monkeypatch, every):
-    from jhd.distance.collections import shapes
+    from jhd._distance.collections import shapes
 
     collection, kind = shapes.Collection("shapes", CURVES), blocks.PairKind(16, 3, 2, False)
     size = sum(x.nbytes for x in collection.row(0, kind) if x is not None)
@@ -181,8 +181,8 @@ def test_signatures_bound_every_pair_at_every_scale(exponent, every):
 
 
 def test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes(every):
-    from jhd.distance.collections.pivots import PivotBounds, lattice_over, reaches
-    from jhd.distance.collections.shapes import Collection
+    from jhd._distance.collections.pivots import PivotBounds, lattice_over, reaches
+    from jhd._distance.collections.shapes import Collection
 
     for offset in (0.0, 1e9):
         moved = [jhd.BezierSegments(np.asarray(shape.control_points) + offset) for shape in CURVES]

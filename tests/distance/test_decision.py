@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.search.search import Listener, Threshold
 from jhd._results.solution import name_of
-from jhd.decimals import lower_text
-from jhd.distance.search.search import Listener, Threshold
+from jhd._runtime.decimals import lower_text
 from jhd.progress import Progress
 from tests.distance import pairs
 from tests.sweeps import swept

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.decimals import lower_text, upper_text
+from jhd._runtime.decimals import lower_text, upper_text
 from tests.sweeps import swept
 
 SEGMENT = [(0, 0), (1, 0)]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.search import farthest_place
 from jhd._results.solution import name_of
-from jhd.distance.search import farthest_place
 
 ARC = np.sqrt(0.5)
 # A quarter of a circle with its weights, and the whole one.

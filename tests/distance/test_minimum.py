@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from jhd._distance.hausdorff import hausdorff
+from jhd._distance.minimum import minimum_distance
+from jhd._distance.published.voxel_pairs import VoxelPairs
+from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._results.solution import RESULTS, NotProvenError, name_of
-from jhd.distance.hausdorff import hausdorff
-from jhd.distance.minimum import minimum_distance
-from jhd.distance.published.voxel_pairs import VoxelPairs
-from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.shapes.bezier import BezierCurve
-from jhd.shapes.curve import circle, point_set, polyline
-from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.patch import BezierPatch
+from jhd._shapes.bezier import BezierCurve
+from jhd._shapes.curve import circle, point_set, polyline
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.patch import BezierPatch
 from tests.distance.test_families import sphere
 from tests.sweeps import swept
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.minimum import minimum_distance
+from jhd._distance.minimum import minimum_distance
 from tests.sweeps import swept
 
 # The default tolerance in diagonals is 1e-10 of the box of both shapes; what a family of nearest pairs leaves open.

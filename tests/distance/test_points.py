@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial import KDTree
 
 import jhd
+from jhd._distance.search.farthest_place import FarthestSearch
 from jhd._results.solution import name_of
-from jhd.distance.search.farthest_place import FarthestSearch
 from tests.sweeps import swept
 
 RNG = np.random.default_rng(31)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.cells.pairs import newton_step
-from jhd.distance.normalization.surfaces import prepare_surfaces
-from jhd.fields.adaptive import AdaptiveDistanceField
+from jhd._distance.cells.pairs import newton_step
+from jhd._distance.normalization.surfaces import prepare_surfaces
+from jhd._fields.adaptive import AdaptiveDistanceField
 from tests.sweeps import swept
 
 RANDOM = np.random.default_rng(0)

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import jhd.fields.adaptive_samples as samples_module
-from jhd.distance.signed_distance import signed_distance
-from jhd.fields.adaptive import AdaptiveDistanceField
-from jhd.fields.adaptive_build import may_meet
-from jhd.fields.adaptive_error import LeafBoxes, largest_error
-from jhd.fields.adaptive_samples import surface_of
-from jhd.fields.boxes import CORNERS
-from jhd.shapes.mesh import TriangleMesh
+import jhd._fields.adaptive_samples as samples_module
+from jhd._distance.signed_distance import signed_distance
+from jhd._fields.adaptive import AdaptiveDistanceField
+from jhd._fields.adaptive_build import may_meet
+from jhd._fields.adaptive_error import LeafBoxes, largest_error
+from jhd._fields.adaptive_samples import surface_of
+from jhd._fields.boxes import CORNERS
+from jhd._shapes.mesh import TriangleMesh
 from tests.sweeps import swept
 
 # Roundings of distances of about one.
@@ -283,7 +283,7 @@ def test_the_mesh_of_a_field_is_closed_outward_and_near():
 
 @pytest.mark.slow
 def test_the_mesh_of_a_field_does_not_depend_on_how_the_grid_is_cut(monkeypatch):
-    import jhd.fields.adaptive_extract as module
+    import jhd._fields.adaptive_extract as module
 
     field = AdaptiveDistanceField.build(torus(8), 2e-2)
     whole = field.to_mesh(40)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.fields.adaptive import AdaptiveDistanceField
+from jhd._fields.adaptive import AdaptiveDistanceField
 from tests.sweeps import swept
 
 

@@ -6,8 +6,8 @@ from fractions import Fraction
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._fields import boxes
 from jhd._runtime.compiled import compiled
-from jhd.fields import boxes
 
 SQUARES = compiled(boxes.squared_distances)
 

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from jhd import BezierSegments, BSplineCurve, circle, point_set, polyline, project
-from jhd.arithmetic.rounding import gamma
-from jhd.fields import distance_map
-from jhd.shapes import BiarcCurve, biarcs
+from jhd._arithmetic.rounding import gamma
+from jhd._fields import distance_map
+from jhd._shapes import BiarcCurve, biarcs
 from tests import reference
 from tests.shapes.test_biarc import CASES, exact_distance, spline
 from tests.sweeps import swept
 
-module = importlib.import_module("jhd.fields.distance_map")
+module = importlib.import_module("jhd._fields.distance_map")
 
 # The reference's distances, in units of the size of the configuration.
 REFERENCE = 1e-12

@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 import jhd
-from jhd.fields.distance_transform import _room
+from jhd._fields.distance_transform import _room
 from tests.sweeps import swept
 
 

@@ -7,11 +7,11 @@ import jax
 import numpy as np
 import pytest
 
-from jhd.arithmetic.trivariate import RANGES
-from jhd.fields import octree
-from jhd.fields.octree import voxelize
+from jhd._arithmetic.trivariate import RANGES
+from jhd._fields import octree
+from jhd._fields.octree import voxelize
+from jhd._shapes.implicit import ImplicitSurface
 from jhd.progress import Progress
-from jhd.shapes.implicit import ImplicitSurface
 from tests.sweeps import swept
 
 LOWER, UPPER = [-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.fitting.annealing import annealing
-from jhd.fitting.clock import Clock
+from jhd._fitting.annealing import annealing
+from jhd._fitting.clock import Clock
 
 ROWS = np.random.default_rng(3).normal(size=(4, 4, 2))
 TARGET = jhd.BezierSegments(ROWS)

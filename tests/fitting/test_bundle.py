@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.fitting.bundle import STATIONARY, evaluated, motions
+from jhd._fitting.bundle import STATIONARY, evaluated, motions
 
 # A tetrahedron about the origin.
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.fitting.chain import Layout, divided, least_squares, longest_pieces, turns
-from jhd.fitting.clock import Clock
-from jhd.fitting.host_bounds import host_bounds
+from jhd._fitting.chain import Layout, divided, least_squares, longest_pieces, turns
+from jhd._fitting.clock import Clock
+from jhd._fitting.host_bounds import host_bounds
 
 NOISE = 0.01
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.witness.critical import local_pairs
-from jhd.fitting.expansion import Moving, expand
+from jhd._distance.witness.critical import local_pairs
+from jhd._fitting.expansion import Moving, expand
 from tests.distance.pairs import BY_NAME, curve
 from tests.sweeps import swept
 

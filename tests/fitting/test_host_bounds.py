@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._fitting import problem, ways
+from jhd._fitting.clock import Clock, OutOfTimeError
+from jhd._fitting.host_bounds import host_bounds
 from jhd._results.solution import name_of
 from jhd._runtime import compiled
-from jhd.fitting import problem, ways
-from jhd.fitting.clock import Clock, OutOfTimeError
-from jhd.fitting.host_bounds import host_bounds
 from tests.sweeps import swept
 
 LINE = [[[0.0, 0], [1, 0]]]

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.fitting.chain import Layout, chain
-from jhd.fitting.clock import Clock
-from jhd.fitting.minimax import minimize
-from jhd.fitting.near_top import pairs_near_top
-from jhd.fitting.problem import Problem
-from jhd.fitting.sampled import SampledCurve
+from jhd._fitting.chain import Layout, chain
+from jhd._fitting.clock import Clock
+from jhd._fitting.minimax import minimize
+from jhd._fitting.near_top import pairs_near_top
+from jhd._fitting.problem import Problem
+from jhd._fitting.sampled import SampledCurve
 
 # Vertices of a noisy outline and its noise; segments of its fit.
 VERTICES, NOISE, SEGMENTS = 150, 0.01, 8

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.normalization.pieces import CurvePlace
-from jhd.fitting import soft
+from jhd._distance.normalization.pieces import CurvePlace
+from jhd._fitting import soft
 from tests.sweeps import swept
 
 ROUNDING = 16 * np.finfo(float).eps

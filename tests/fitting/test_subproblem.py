@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jhd.fitting.subproblem import model_step, multipliers
+from jhd._fitting.subproblem import model_step, multipliers
 
 TOLERANCE = 1e-8
 

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jhd.io.curves import curve_from_dict, curve_to_dict, load_curve, save_curve
-from jhd.io.errors import ParseError
-from jhd.io.load import load_shape
-from jhd.shapes.bezier import BezierCurve
-from jhd.shapes.bspline import BSplineCurve
-from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, point_set, polyline
+from jhd._io.curves import curve_from_dict, curve_to_dict, load_curve, save_curve
+from jhd._io.errors import ParseError
+from jhd._io.load import load_shape
+from jhd._shapes.bezier import BezierCurve
+from jhd._shapes.bspline import BSplineCurve
+from jhd._shapes.curve import AbstractCurve, BezierSegments, circle, point_set, polyline
 
 RANDOM = np.random.default_rng(11)
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import jhd.io
-from jhd.shapes.curve import BezierSegments
+from jhd._shapes.curve import BezierSegments
 
 RING = [[0, 0], [4, 0], [0.1, 3], [0, 0]]
 LINE = [[5, 5], [6, 7.5]]

@@ -7,8 +7,8 @@ from fontTools.pens.t2CharStringPen import T2CharStringPen
 from fontTools.ttLib import TTFont
 from matplotlib.ft2font import FT2Font, LoadFlags
 
-from jhd.io.errors import ParseError
-from jhd.io.glyphs import _font_file, load_glyph, parse_font_spec
+from jhd._io.errors import ParseError
+from jhd._io.glyphs import _font_file, load_glyph, parse_font_spec
 
 
 def reference_points(font, letter, units):

@@ -226,7 +226,7 @@ def test_a_small_symbol_may_be_used_often(tmp_path):
 
 
 def test_what_is_drawn_far_beyond_the_file_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("jhd.io.svg_document._ALWAYS_DRAWN", 100)
+    monkeypatch.setattr("jhd._io.svg_document._ALWAYS_DRAWN", 100)
     file = tmp_path / "a.svg"
     file.write_text(crowd(20, 20))
     assert jhd.io.load_svg(file).count == 400
@@ -275,7 +275,7 @@ def archive(**members):
     "text", ["+".join(["(x+y+1)**4*(x+z-1)**4"] * 90), "(x+y+z+1)**9" + "/3" * 400, "-".join(["(-(-(x+y+z)**9))"] * 90)]
 )
 def test_products_of_sums_have_a_budget(text, monkeypatch):
-    monkeypatch.setattr("jhd.shapes.polynomial_text._MOST_PRODUCTS", 10_000)
+    monkeypatch.setattr("jhd._shapes.polynomial_text._MOST_PRODUCTS", 10_000)
     assert jhd.ImplicitSurface.parse("+".join(["(x+y+1)**4"] * 90), [-1] * 3, [1] * 3).degree == 1
     with pytest.raises(ValueError, match="too many terms for a text of this length") as caught:
         jhd.ImplicitSurface.parse(text, [-1] * 3, [1] * 3)
@@ -428,10 +428,10 @@ RUNNING = set("""
 """.split())  # fmt: skip
 PACKAGE = Path(jhd.__file__).parent
 READERS = [
-    *PACKAGE.glob("io/*.py"),
+    *PACKAGE.glob("_io/*.py"),
     # The checker runs without the package too: its command line loads its own modules from beside itself.
-    *(path for path in PACKAGE.glob("distance/certificate/verification/*.py") if path.name != "__main__.py"),
-    *(PACKAGE / name for name in ("_runtime/archives.py", "shapes/polynomial_text.py", "fields/adaptive.py")),
+    *(path for path in PACKAGE.glob("_distance/certificate/verification/*.py") if path.name != "__main__.py"),
+    *(PACKAGE / name for name in ("_runtime/archives.py", "_shapes/polynomial_text.py", "_fields/adaptive.py")),
 ]
 
 

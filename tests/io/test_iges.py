@@ -7,8 +7,8 @@ import pytest
 
 import jhd
 import jhd.io
-from jhd.io.errors import ParseError
-from jhd.io.iges import load_iges
+from jhd._io.errors import ParseError
+from jhd._io.iges import load_iges
 from tests.io.iges_sheets import sheet
 
 # A line from (0, 0, 0) to (1, 2, 3), written as it stands in a file: knots, weights, points, ends, normal.

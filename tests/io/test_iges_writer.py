@@ -8,8 +8,8 @@ from scipy.interpolate import BSpline, NdBSpline
 
 import jhd
 import jhd.io
-from jhd.io.iges import load_iges
-from jhd.io.iges_writer import save_iges
+from jhd._io.iges import load_iges
+from jhd._io.iges_writer import save_iges
 from tests.io.iges_sheets import entities_of
 
 RANDOM = np.random.default_rng(31)

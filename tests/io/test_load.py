@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jhd.io.curves import save_curve
-from jhd.io.errors import ParseError
-from jhd.io.glyphs import load_glyph
-from jhd.io.load import load_shape
-from jhd.io.svg import save_svg
-from jhd.shapes.bezier import BezierCurve
-from jhd.shapes.curve import polyline
+from jhd._io.curves import save_curve
+from jhd._io.errors import ParseError
+from jhd._io.glyphs import load_glyph
+from jhd._io.load import load_shape
+from jhd._io.svg import save_svg
+from jhd._shapes.bezier import BezierCurve
+from jhd._shapes.curve import polyline
 
 
 def segments(text):

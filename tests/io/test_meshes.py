@@ -5,10 +5,10 @@ import struct
 import numpy as np
 import pytest
 
-from jhd.io.errors import ParseError
-from jhd.io.meshes import load_mesh, save_mesh
-from jhd.io.polygons import fans
-from jhd.shapes.mesh import TriangleMesh
+from jhd._io.errors import ParseError
+from jhd._io.meshes import load_mesh, save_mesh
+from jhd._io.polygons import fans
+from jhd._shapes.mesh import TriangleMesh
 
 CORNER = np.array([[0.1, 0, 0], [1, 1 / 3, 0], [0, 1e-300, -2], [1e17, 0, 1]])
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

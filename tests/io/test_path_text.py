@@ -8,9 +8,9 @@ from fontTools.pens.recordingPen import RecordingPen
 from fontTools.svgLib.path import parse_path as fonttools_parse
 from svgelements import Path as SvgelementsPath
 
-from jhd.io.contours import assemble
-from jhd.io.errors import ParseError
-from jhd.io.path_text import contours_of_path
+from jhd._io.contours import assemble
+from jhd._io.errors import ParseError
+from jhd._io.path_text import contours_of_path
 
 # A few roundings of numbers of order ten.
 ROUNDING = 1e-14

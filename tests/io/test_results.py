@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._distance.deviation_solution import Deviation, DistanceSamples
+from jhd._io.errors import ParseError
+from jhd._io.results import load_result, save_result
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, Bounds, HausdorffSolution, Projection, Witness
-from jhd.distance.deviation_solution import Deviation, DistanceSamples
-from jhd.io.errors import ParseError
-from jhd.io.results import load_result, save_result
-from jhd.shapes.curve import circle, polyline
+from jhd._shapes.curve import circle, polyline
 
 
 def witness(batch=()):

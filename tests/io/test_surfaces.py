@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import jhd.io
-from jhd.io.errors import ParseError
-from jhd.io.surfaces import load_surface, save_surface, surface_from_dict, surface_to_dict
-from jhd.shapes.bezier import BezierCurve
-from jhd.shapes.bspline_surface import BSplineSurface
-from jhd.shapes.patch import BezierPatch, BezierPatches
+from jhd._io.errors import ParseError
+from jhd._io.surfaces import load_surface, save_surface, surface_from_dict, surface_to_dict
+from jhd._shapes.bezier import BezierCurve
+from jhd._shapes.bspline_surface import BSplineSurface
+from jhd._shapes.patch import BezierPatch, BezierPatches
 
 RANDOM = np.random.default_rng(12)
 

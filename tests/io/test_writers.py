@@ -17,9 +17,9 @@ import pytest
 import jhd
 import jhd.io
 from jhd._cli.report import save_figure
-from jhd.distance.collections.blocks import MeasuredPairs
-from jhd.distance.collections.store import Store
-from jhd.io.load import SHAPE_SUFFIXES
+from jhd._distance.collections.blocks import MeasuredPairs
+from jhd._distance.collections.store import Store
+from jhd._io.load import SHAPE_SUFFIXES
 from tests.processes import started
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="there are no limits and kills of other systems")

@@ -6,15 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arithmetic import bernstein
-from jhd.distance.cells import branches
-from jhd.distance.nearest import chords
-from jhd.distance.nearest import curves as nearest
-from jhd.distance.normalization import curves as preparation
-from jhd.distance.normalization.curves import trusted
-from jhd.distance.normalization.jets import jet
-from jhd.distance.normalization.pieces import Piece
-from jhd.shapes.curve import BezierSegments
+from jhd._arithmetic import bernstein
+from jhd._distance.cells import branches
+from jhd._distance.nearest import chords
+from jhd._distance.nearest import curves as nearest
+from jhd._distance.normalization import curves as preparation
+from jhd._distance.normalization.curves import trusted
+from jhd._distance.normalization.jets import jet
+from jhd._distance.normalization.pieces import Piece
+from jhd._shapes.curve import BezierSegments
 
 # Inputs side by side, of four kinds in turn.
 COUNT = 32

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd.arithmetic.rounding import smallest_normal, unit_roundoff
+from jhd._arithmetic.rounding import smallest_normal, unit_roundoff
 from tests.rounding.enclosed import Enclosed, Known
 from tests.rounding.interpreter import evaluate
 

@@ -8,17 +8,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arithmetic import bernstein, truncated
-from jhd.arithmetic.rounding import absolute_error, gamma
-from jhd.distance.cells import foot_map_bounds, graphs, lagrange, linear_proxies, tracked_feet_upper
-from jhd.distance.cells import surfaces as upper
-from jhd.distance.nearest import chords, forms, stationarity, surface_points
-from jhd.distance.nearest.forms import Boxes, Form
-from jhd.distance.nearest.target import Flats
-from jhd.distance.normalization import isolated, net_jets
-from jhd.distance.normalization import surfaces as preparation
-from jhd.distance.normalization.net_jets import Net
-from jhd.distance.normalization.surfaces import Side
+from jhd._arithmetic import bernstein, truncated
+from jhd._arithmetic.rounding import absolute_error, gamma
+from jhd._distance.cells import foot_map_bounds, graphs, lagrange, linear_proxies, tracked_feet_upper
+from jhd._distance.cells import surfaces as upper
+from jhd._distance.nearest import chords, forms, stationarity, surface_points
+from jhd._distance.nearest.forms import Boxes, Form
+from jhd._distance.nearest.target import Flats
+from jhd._distance.normalization import isolated, net_jets
+from jhd._distance.normalization import surfaces as preparation
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.normalization.surfaces import Side
 
 COUNT = 24
 DTYPE = np.float32

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from jhd.arithmetic.rounding import gamma
-from jhd.distance.nearest import curves as nearest
-from jhd.distance.normalization import curves as preparation
-from jhd.distance.normalization import net_jets
+from jhd._arithmetic.rounding import gamma
+from jhd._distance.nearest import curves as nearest
+from jhd._distance.normalization import curves as preparation
+from jhd._distance.normalization import net_jets
 from tests.rounding import curve_kernels, shape_kernels
 from tests.rounding.interpreter import evaluate
 from tests.rounding.margins import format_of, margin

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from jhd.arithmetic import bernstein, rounding
+from jhd._arithmetic import bernstein, rounding
 from tests.rounding import curve_kernels, shape_kernels
 from tests.rounding.enclosed import Enclosed
 from tests.rounding.interpreter import evaluate

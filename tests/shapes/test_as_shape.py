@@ -14,8 +14,8 @@ from scipy.interpolate import BSpline, NdBSpline
 
 import jhd
 from jhd import plot
-from jhd.shapes import biarcs, least_tolerance
-from jhd.shapes.as_shape import as_shape
+from jhd._shapes import biarcs, least_tolerance
+from jhd._shapes.as_shape import as_shape
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3]])

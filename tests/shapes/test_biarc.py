@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jhd import BezierCurve, BezierSegments, BSplineCurve, NotProvenError, circle, hausdorff, point_set, polyline
-from jhd.shapes import biarcs, deviation, least_tolerance
+from jhd._shapes import biarcs, deviation, least_tolerance
 from tests import reference
 from tests.sweeps import swept
 

@@ -13,8 +13,8 @@ from matplotlib.textpath import TextPath
 
 import jhd
 from jhd import BezierSegments
-from jhd.shapes.curve import check_curve
-from jhd.shapes.joints import joints
+from jhd._shapes.curve import check_curve
+from jhd._shapes.joints import joints
 from tests.processes import python
 
 # A few roundings of numbers of size one.

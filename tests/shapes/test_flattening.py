@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.decimals import upper_text
-from jhd.shapes.flattening import flattened
-from jhd.shapes.homogeneous import elevate
+from jhd._runtime.decimals import upper_text
+from jhd._shapes.flattening import flattened
+from jhd._shapes.homogeneous import elevate
 
 RANDOM = np.random.default_rng(41)
 CURVES = {

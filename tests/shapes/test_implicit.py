@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arithmetic import exact_polynomials
-from jhd.shapes import polynomial_text
-from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.polynomial_text import PolynomialError
+from jhd._arithmetic import exact_polynomials
+from jhd._shapes import polynomial_text
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.polynomial_text import PolynomialError
 
 LOWER, UPPER = [-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]
 # Rounding of a few dozen operations on numbers of order one to a hundred.

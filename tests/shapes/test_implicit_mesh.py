@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.implicit_mesh import NotRegularError, march, nodes_of
-from jhd.shapes.mesh import edges_of
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.implicit_mesh import NotRegularError, march, nodes_of
+from jhd._shapes.mesh import edges_of
 from tests.reference import distances_to_triangles
 from tests.sweeps import swept
 

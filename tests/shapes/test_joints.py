@@ -10,7 +10,7 @@ import optax
 import pytest
 
 import jhd
-from jhd.shapes.joints import followed, linked
+from jhd._shapes.joints import followed, linked
 
 TRIANGLE = jhd.polyline([(0, 0), (1, 0), (1, 1)], closed=True)
 OPEN = jhd.BezierSegments(TRIANGLE.control_points, None, [-1, 2, -1])

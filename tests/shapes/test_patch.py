@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.shapes.bspline_surface import BSplineSurface
-from jhd.shapes.mesh import edges_of
-from jhd.shapes.patch import BezierPatch, BezierPatches
+from jhd._shapes.bspline_surface import BSplineSurface
+from jhd._shapes.mesh import edges_of
+from jhd._shapes.patch import BezierPatch, BezierPatches
 from tests.reference import distances_to_triangles
 from tests.sweeps import swept
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.search.targets import target_of
-from jhd.shapes.prepared import Prepared, prepared, working
-from jhd.triangles.closest_point import triangle_tree
+from jhd._distance.search.targets import target_of
+from jhd._shapes.prepared import Prepared, prepared, working
+from jhd._triangles.closest_point import triangle_tree
 
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

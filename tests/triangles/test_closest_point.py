@@ -5,10 +5,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-import jhd.triangles.closest_point as module
-from jhd.shapes.mesh import TriangleMesh
-from jhd.triangles.box_tree import WIDTH, box_tree, hints
-from jhd.triangles.closest_point import (
+import jhd._triangles.closest_point as module
+from jhd._shapes.mesh import TriangleMesh
+from jhd._triangles.box_tree import WIDTH, box_tree, hints
+from jhd._triangles.closest_point import (
     closest_points,
     in_unit_of,
     nearest_triangles,
@@ -16,7 +16,7 @@ from jhd.triangles.closest_point import (
     triangle_tree,
     triangles_within,
 )
-from jhd.triangles.point_triangle import frames
+from jhd._triangles.point_triangle import frames
 from tests.reference import distances_to_triangles
 from tests.sweeps import swept
 from tests.triangles.exact_triangles import exact_distance_sq, hard_points, hard_triangles

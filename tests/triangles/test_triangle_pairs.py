@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from jhd.triangles.exact_triangles import exact_pair
-from jhd.triangles.triangle_pairs import lower_bounds, pair_bounds
+from jhd._triangles.exact_triangles import exact_pair
+from jhd._triangles.triangle_pairs import lower_bounds, pair_bounds
 from tests.sweeps import swept
 from tests.triangles.exact_triangles import hard_triangles
 

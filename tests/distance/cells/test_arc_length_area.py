@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.normalization.net_jets import Net
-from jhd.distance.search.weighted_cells import MeasuredNet
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.search.weighted_cells import MeasuredNet
 
 GRID = 200
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.cells.branches import (
+from jhd._distance.cells.branches import (
     CurveCell,
     _FollowedBranch,
     _split_bound,
     cell_upper_bound,
     first_upper_bound,
 )
-from jhd.distance.nearest.curves import nearest
-from jhd.distance.normalization.jets import jet
+from jhd._distance.nearest.curves import nearest
+from jhd._distance.normalization.jets import jet
 from tests.distance import exact
 
 KINDS = ("smooth", "rational", "close", "extreme_weights")

@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arithmetic import simplices
-from jhd.distance.nearest.target import FootRows
-from jhd.distance.normalization.net_jets import Net, jet
-from jhd.distance.search.followed_cells import FollowedFeet
-from jhd.distance.search.on_patches import NetTarget
-from jhd.distance.search.sources import CellRows
+from jhd._arithmetic import simplices
+from jhd._distance.nearest.target import FootRows
+from jhd._distance.normalization.net_jets import Net, jet
+from jhd._distance.search.followed_cells import FollowedFeet
+from jhd._distance.search.on_patches import NetTarget
+from jhd._distance.search.sources import CellRows
 from tests.sweeps import swept
 
 RNG = np.random.default_rng(3)

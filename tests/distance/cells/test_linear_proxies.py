@@ -3,9 +3,9 @@
 import jax
 import numpy as np
 
-from jhd.distance.cells.linear_proxies import beside_surface
-from jhd.distance.normalization.surfaces import prepare_surfaces
-from jhd.shapes import ImplicitSurface
+from jhd._distance.cells.linear_proxies import beside_surface
+from jhd._distance.normalization.surfaces import prepare_surfaces
+from jhd._shapes import ImplicitSurface
 
 # Below the apex of a cone that opens upward, whose nearest point is the apex, and beside its flank.
 CORNERS = np.array([[-0.25, 0.0, -0.5], [0.25, 0.0, -0.5]])

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.cells.arc_length_area import flat_triangles
-from jhd.distance.cells.mean_bounds import NEAR, distances_over
-from jhd.distance.normalization.nets import net_of
-from jhd.distance.search import on_patches
-from jhd.distance.search.targets import target_of
+from jhd._distance.cells.arc_length_area import flat_triangles
+from jhd._distance.cells.mean_bounds import NEAR, distances_over
+from jhd._distance.normalization.nets import net_of
+from jhd._distance.search import on_patches
+from jhd._distance.search.targets import target_of
 from tests.distance.test_families import sphere
 from tests.reference import distances_to_triangles
 from tests.sweeps import swept

@@ -4,9 +4,9 @@ import jax
 import numpy as np
 import pytest
 
-from jhd.distance.cells.tracked_feet_surfaces import narrowed
-from jhd.distance.normalization.surfaces import prepare_surfaces
-from jhd.shapes import ImplicitSurface
+from jhd._distance.cells.tracked_feet_surfaces import narrowed
+from jhd._distance.normalization.surfaces import prepare_surfaces
+from jhd._shapes import ImplicitSurface
 
 CASES = 2000
 

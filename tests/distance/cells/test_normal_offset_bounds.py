@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arithmetic.balls import Ball
-from jhd.arithmetic.bernstein import basis
-from jhd.arithmetic.simplices import lattice, multinomials
-from jhd.distance.cells.foot_map_bounds import levels_of, part_over
-from jhd.distance.cells.normal_offset_bounds import growth_beyond, heights_between, valley
-from jhd.distance.normalization.net_jets import Net
+from jhd._arithmetic.balls import Ball
+from jhd._arithmetic.bernstein import basis
+from jhd._arithmetic.simplices import lattice, multinomials
+from jhd._distance.cells.foot_map_bounds import levels_of, part_over
+from jhd._distance.cells.normal_offset_bounds import growth_beyond, heights_between, valley
+from jhd._distance.normalization.net_jets import Net
 from tests.sweeps import swept
 
 CELLS, PLACES = 16, 200

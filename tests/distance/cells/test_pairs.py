@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.cells import pairs
-from jhd.distance.cells.pairs import Cell
-from jhd.distance.normalization.net_jets import Net
+from jhd._distance.cells import pairs
+from jhd._distance.cells.pairs import Cell
+from jhd._distance.normalization.net_jets import Net
 
 CELLS, DEGREES = 400, (3, 3)
 

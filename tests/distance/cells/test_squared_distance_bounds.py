@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.cells.squared_distance_bounds import distances_by_squares
-from jhd.distance.normalization.net_jets import Net
-from jhd.distance.normalization.nets import net_of
-from jhd.distance.search import on_patches
-from jhd.distance.search.on_patches import NetTarget
+from jhd._distance.cells.squared_distance_bounds import distances_by_squares
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.normalization.nets import net_of
+from jhd._distance.search import on_patches
+from jhd._distance.search.on_patches import NetTarget
 from tests.distance.test_families import cylinder, revolved, sphere, torus
 from tests.sweeps import swept
 

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.cells.signs import sign_bounds
-from jhd.distance.cells.surfaces import FEET, upper_bounds
-from jhd.distance.nearest.forms import boxes, form, lower_bounds
-from jhd.distance.nearest.surface_points import local_feet, projected, proven_radius
-from jhd.distance.nearest.surfaces import halved
-from jhd.distance.normalization.surfaces import Side, prepare_surfaces
-from jhd.shapes import ImplicitSurface
+from jhd._distance.cells.signs import sign_bounds
+from jhd._distance.cells.surfaces import FEET, upper_bounds
+from jhd._distance.nearest.forms import boxes, form, lower_bounds
+from jhd._distance.nearest.surface_points import local_feet, projected, proven_radius
+from jhd._distance.nearest.surfaces import halved
+from jhd._distance.normalization.surfaces import Side, prepare_surfaces
+from jhd._shapes import ImplicitSurface
 from tests.sweeps import swept
 
 CELLS = 24

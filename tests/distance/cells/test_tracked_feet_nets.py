@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.cells.pairs import Cell, nearest_in
-from jhd.distance.cells.tracked_feet import moving_bound
-from jhd.distance.normalization.net_jets import Net, jet, part_of
+from jhd._distance.cells.pairs import Cell, nearest_in
+from jhd._distance.cells.tracked_feet import moving_bound
+from jhd._distance.normalization.net_jets import Net, jet, part_of
 from tests.distance.test_families import torus
 from tests.sweeps import swept
 

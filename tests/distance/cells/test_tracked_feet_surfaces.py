@@ -9,15 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.cells import tracked_feet_surfaces
-from jhd.distance.cells.pairs import Cell
-from jhd.distance.cells.tracked_feet import moving_bound
-from jhd.distance.cells.tracked_feet_nets import points_of_net
-from jhd.distance.cells.tracked_feet_surfaces import distance_to_surface
-from jhd.distance.normalization.net_jets import jet
-from jhd.distance.normalization.nets import net_of
-from jhd.distance.normalization.surfaces import prepare_surfaces
-from jhd.shapes import BezierPatches, BezierSegments, ImplicitSurface
+from jhd._distance.cells import tracked_feet_surfaces
+from jhd._distance.cells.pairs import Cell
+from jhd._distance.cells.tracked_feet import moving_bound
+from jhd._distance.cells.tracked_feet_nets import points_of_net
+from jhd._distance.cells.tracked_feet_surfaces import distance_to_surface
+from jhd._distance.normalization.net_jets import jet
+from jhd._distance.normalization.nets import net_of
+from jhd._distance.normalization.surfaces import prepare_surfaces
+from jhd._shapes import BezierPatches, BezierSegments, ImplicitSurface
 from tests.distance.test_families import sphere as rational_sphere
 from tests.sweeps import swept
 

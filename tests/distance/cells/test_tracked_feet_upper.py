@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arithmetic.polynomials import jets
-from jhd.distance.cells.tracked_feet_upper import moving_bounds
-from jhd.distance.nearest.forms import boxes, form
-from jhd.distance.normalization.surfaces import prepare_surfaces
-from jhd.shapes import ImplicitSurface
+from jhd._arithmetic.polynomials import jets
+from jhd._distance.cells.tracked_feet_upper import moving_bounds
+from jhd._distance.nearest.forms import boxes, form
+from jhd._distance.normalization.surfaces import prepare_surfaces
+from jhd._shapes import ImplicitSurface
 from tests.sweeps import swept
 
 CELLS = 32

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jhd.distance.cells.triangles import MeshSide
+from jhd._distance.cells.triangles import MeshSide
 from tests.rounding.interpreter import evaluate
 from tests.rounding.numbers import Rounded, exactly
 

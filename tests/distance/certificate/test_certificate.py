@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.certificate.certificate import Certificate, certify
+from jhd._distance.certificate.certificate import Certificate, certify
 from tests.cases import CASES
 from tests.distance.pairs import BY_NAME, both, is_quick, of_each_tag
 from tests.processes import python

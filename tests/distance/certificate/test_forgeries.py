@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jhd.distance.certificate.verification import CertificateError, digest, proofs, structure, verify
+from jhd._distance.certificate.verification import CertificateError, digest, proofs, structure, verify
 from tests.distance.certificate.made import arch, between, facing, square
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"

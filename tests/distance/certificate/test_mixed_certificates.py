@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.certificate import verification
-from jhd.distance.certificate.certificate import certify
-from jhd.distance.certificate.multipliers import multipliers
-from jhd.distance.certificate.sides import ShapeSide, plain_shape
+from jhd._distance.certificate import verification
+from jhd._distance.certificate.certificate import certify
+from jhd._distance.certificate.multipliers import multipliers
+from jhd._distance.certificate.sides import ShapeSide, plain_shape
 from tests.distance.certificate.made import sampled, sampled_distance
 from tests.processes import python
 from tests.sweeps import swept

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.certificate.certificate import certify
-from jhd.distance.certificate.sides import ShapeSide
-from jhd.distance.certificate.verification import CertificateError, verify
-from jhd.distance.certificate.verification.convexity import failure_in_space
-from jhd.distance.certificate.verification.polynomials import elevated, from_coefficients, powers, total
+from jhd._distance.certificate.certificate import certify
+from jhd._distance.certificate.sides import ShapeSide
+from jhd._distance.certificate.verification import CertificateError, verify
+from jhd._distance.certificate.verification.convexity import failure_in_space
+from jhd._distance.certificate.verification.polynomials import elevated, from_coefficients, powers, total
 from tests.distance.certificate.made import at, changed, numbers
 from tests.sweeps import swept
 

@@ -14,13 +14,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jhd.distance.certificate import verification
-from jhd.distance.certificate.verification import CertificateError, Proven, digest, verify
-from jhd.distance.certificate.verification.pieces import common_power, composed, difference, pieces_of, simplex_map
-from jhd.distance.certificate.verification.polynomials import failure, from_coefficients
-from jhd.distance.certificate.verification.proofs import squares_of
-from jhd.distance.certificate.verification.reading import lines_of
-from jhd.distance.certificate.verification.zeros import length_of
+from jhd._distance.certificate import verification
+from jhd._distance.certificate.verification import CertificateError, Proven, digest, verify
+from jhd._distance.certificate.verification.pieces import common_power, composed, difference, pieces_of, simplex_map
+from jhd._distance.certificate.verification.polynomials import failure, from_coefficients
+from jhd._distance.certificate.verification.proofs import squares_of
+from jhd._distance.certificate.verification.reading import lines_of
+from jhd._distance.certificate.verification.zeros import length_of
 from tests.distance import exact
 from tests.distance.certificate.made import (
     arch,
@@ -59,7 +59,7 @@ def test_a_check_ends_at_its_limit_before_it_begins_or_within(monkeypatch):
         verify(large, 2.0, seen.append)
     assert not seen
     clock = iter([0.0, 59.0, 61.0])
-    monkeypatch.setattr("jhd.distance.certificate.verification.proofs.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("jhd._distance.certificate.verification.proofs.time.monotonic", lambda: next(clock))
     with pytest.raises(CertificateError, match=r"is not checked in 60.0 seconds; it ends at cells.a_to_b\[1\] of 2"):
         verify(arch(), 60.0)
     # And between the halves of one.
@@ -433,7 +433,7 @@ def test_the_checker_imports_nothing_but_the_standard_library_and_itself():
     nodes = [node for file in FOLDER.glob("*.py") for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))]
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
-    others = {str(name) for name in names if not str(name).startswith("jhd.distance.certificate.verification")}
+    others = {str(name) for name in names if not str(name).startswith("jhd._distance.certificate.verification")}
     assert {name.split(".")[0] for name in others} <= set(sys.stdlib_module_names)
 
 

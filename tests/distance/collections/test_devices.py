@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.collections.blocks import Block, CurveRows, _shares
+from jhd._distance.collections.blocks import Block, CurveRows, _shares
 from tests.processes import at_once
 
 

@@ -19,7 +19,7 @@ import multiprocessing, os, signal, sys
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 import numpy as np
 import jhd
-from jhd.distance.collections import entries
+from jhd._distance.collections import entries
 
 random = np.random.default_rng(3)
 shapes = [jhd.point_set(random.standard_normal((40, 2))) for _ in range(24)]

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.collections import entries, store
 from jhd._results.solution import names_of
-from jhd.distance.collections import entries, store
 from tests.processes import LONGEST, ran, started
 
 
@@ -142,7 +142,7 @@ import numpy as np
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 import jhd
-from jhd.distance.collections import entries
+from jhd._distance.collections import entries
 if __name__ == "__main__":
     entries._PAIRS = 40
     random = np.random.default_rng(3)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.nearest.blocks import blocks_of, guesses, in_groups, nearest_in_blocks
-from jhd.distance.nearest.curves import nearest
+from jhd._distance.nearest.blocks import blocks_of, guesses, in_groups, nearest_in_blocks
+from jhd._distance.nearest.curves import nearest
 from tests.sweeps import swept
 
 COUNT, QUERIES = 768, 200

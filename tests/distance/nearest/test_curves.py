@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jhd.distance.nearest import curves as module
-from jhd.distance.nearest.curves import nearest, repeated
+from jhd._distance.nearest import curves as module
+from jhd._distance.nearest.curves import nearest, repeated
 from tests import reference
 from tests.distance import exact
 from tests.sweeps import swept

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.nearest.feet import equation_of, foot_in, foot_speed, gauss_newton, newton_step, presses
-from jhd.distance.normalization.jets import CurveJet, jet, polynomial_jet
-from jhd.distance.normalization.pieces import Piece
+from jhd._distance.nearest.feet import equation_of, foot_in, foot_speed, gauss_newton, newton_step, presses
+from jhd._distance.normalization.jets import CurveJet, jet, polynomial_jet
+from jhd._distance.normalization.pieces import Piece
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.normal(size=(4, 2))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.project import project
+from jhd._distance.project_methods import NewtonProjection
+from jhd._distance.published.vertex_voxels import VertexVoxels
+from jhd._distance.signed_distance import signed_distance
 from jhd._results.solution import RESULTS
-from jhd.distance.project import project
-from jhd.distance.project_methods import NewtonProjection
-from jhd.distance.published.vertex_voxels import VertexVoxels
-from jhd.distance.signed_distance import signed_distance
-from jhd.shapes.mesh import TriangleMesh
-from jhd.triangles.winding import is_inside, solid_angles, winding_numbers
+from jhd._shapes.mesh import TriangleMesh
+from jhd._triangles.winding import is_inside, solid_angles, winding_numbers
 from tests.shapes.test_mesh import CORNERS, CUBE
 from tests.triangles.exact_triangles import exact_distance_sq, hard_points, hard_triangles
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._distance.nearest.surface_points import local_feet
+from jhd._distance.normalization.surfaces import Side
 from jhd._runtime.compiled import compiled
-from jhd.distance.nearest.surface_points import local_feet
-from jhd.distance.normalization.surfaces import Side
 from tests.surface_cases import BY_NAME, X, Y, Z, surface
 from tests.surface_reference import cloud, values
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.nearest.surfaces import cloud, cover, nearest, nearest_places
-from jhd.distance.normalization.surfaces import prepare_surfaces
-from jhd.distance.search.on_surfaces import SurfaceTarget
-from jhd.shapes import ImplicitSurface
+from jhd._distance.nearest.surfaces import cloud, cover, nearest, nearest_places
+from jhd._distance.normalization.surfaces import prepare_surfaces
+from jhd._distance.search.on_surfaces import SurfaceTarget
+from jhd._shapes import ImplicitSurface
 
 TORUS = ImplicitSurface.parse("(x^2 + y^2 + z^2 + 0.9375)^2 - 4*x^2 - 4*y^2", [-2.0] * 3, [2.0] * 3)
 # Places and distances by roots are off by some units of roundoff.

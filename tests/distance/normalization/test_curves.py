@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.arithmetic.rounding import gamma
-from jhd.distance.normalization.curves import (
+from jhd._arithmetic.rounding import gamma
+from jhd._distance.normalization.curves import (
     Frame,
     _structure,
     elevation_matrix,

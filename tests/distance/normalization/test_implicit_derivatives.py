@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
+from jhd._distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
 
 TABLE = np.array([[0, 1], [2, 0], [1, 2]])
 ARRAY = np.array([[1.0, 2.0], [3.0, 5.0], [7.0, 11.0]])

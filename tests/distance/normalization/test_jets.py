@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.normalization.jets import jet
+from jhd._distance.normalization.jets import jet
 from tests.distance import exact
 
 # The second derivative sums degree^2 terms of the size of the control points, each rounded a few times.

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.normalization.curves import prepare
+from jhd._distance.published.events import forms as event_forms
+from jhd._distance.published.events import host_pair
+from jhd._distance.published.events import survivors as event_survivors
+from jhd._distance.published.events import systems as event_systems
 from jhd._results.solution import name_of
-from jhd.distance.normalization.curves import prepare
-from jhd.distance.published.events import forms as event_forms
-from jhd.distance.published.events import host_pair
-from jhd.distance.published.events import survivors as event_survivors
-from jhd.distance.published.events import systems as event_systems
 from tests.cases import CASES
 from tests.distance import pairs
 from tests.sweeps import swept

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.published import cube_intervals
+from jhd._fields.octree import voxelize
 from jhd._results.solution import name_of
-from jhd.distance.published import cube_intervals
-from jhd.fields.octree import voxelize
+from jhd._shapes import ImplicitSurface
 from jhd.published import CubeIntervals
-from jhd.shapes import ImplicitSurface
 from tests.sweeps import swept
 
 LOWER, UPPER = [-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]

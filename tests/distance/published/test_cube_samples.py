@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.published.voxel_pairs import cube_side, samples_in
 from jhd._results.solution import name_of
-from jhd.distance.published.voxel_pairs import cube_side, samples_in
 from tests.triangles.test_closest_point import soup, sphere
 
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.normalization.coordinates import reported
+from jhd._distance.normalization.curves import prepare
+from jhd._distance.published import algebraic, arc_bounds, farthest, printed_trimming, trimming
+from jhd._distance.published.events import candidates as event_candidates
+from jhd._distance.published.events import host_pair
+from jhd._distance.published.events import survivors as event_survivors
 from jhd._results.solution import name_of
-from jhd.distance.normalization.coordinates import reported
-from jhd.distance.normalization.curves import prepare
-from jhd.distance.published import algebraic, arc_bounds, farthest, printed_trimming, trimming
-from jhd.distance.published.events import candidates as event_candidates
-from jhd.distance.published.events import host_pair
-from jhd.distance.published.events import survivors as event_survivors
-from jhd.shapes.deviation import HostArcs
+from jhd._shapes.deviation import HostArcs
 from tests.distance import pairs
 from tests.distance.published.test_algebraic import (
     CONTINUA,

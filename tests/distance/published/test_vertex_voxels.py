@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.published.vertex_voxels import GridOptions, local_points, resolution_of
-from jhd.shapes.mesh import TriangleMesh
-from jhd.triangles.closest_point import closest_points, triangle_tree
+from jhd._distance.published.vertex_voxels import GridOptions, local_points, resolution_of
+from jhd._shapes.mesh import TriangleMesh
+from jhd._triangles.closest_point import closest_points, triangle_tree
 from tests.sweeps import swept
 from tests.triangles.exact_triangles import exact_distance_sq, hard_triangles
 from tests.triangles.test_closest_point import soup, sphere

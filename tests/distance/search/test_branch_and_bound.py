@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jhd
+from jhd._arithmetic import bernstein
 from jhd._results.solution import name_of
-from jhd.arithmetic import bernstein
 from tests import reference
 from tests.cases import CASES, EVENTS
 from tests.distance import exact, pairs

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.cells.mean_bounds import NEAR, distances_over
-from jhd.distance.deviation import in_space, measured_in
-from jhd.distance.search.dispatch import heights_of, target_in, together
+from jhd._distance.cells.mean_bounds import NEAR, distances_over
+from jhd._distance.deviation import in_space, measured_in
+from jhd._distance.search.dispatch import heights_of, target_in, together
 from tests.distance.test_families import torus
 from tests.sweeps import swept
 

@@ -7,15 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._distance.minimum import minimum_distance
+from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._results.solution import NotProvenError, name_of
-from jhd.distance.minimum import minimum_distance
-from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.shapes.bezier import BezierCurve
-from jhd.shapes.curve import BezierSegments, point_set, polyline
-from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import BezierPatch
-from jhd.triangles.exact_triangles import exact_pair
+from jhd._shapes.bezier import BezierCurve
+from jhd._shapes.curve import BezierSegments, point_set, polyline
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.patch import BezierPatch
+from jhd._triangles.exact_triangles import exact_pair
 from tests.sweeps import swept
 from tests.triangles.exact_triangles import hard_triangles
 

@@ -12,14 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.cells.branches import CurveBound
-from jhd.distance.nearest.chords import chords_between
-from jhd.distance.nearest.curves import NearestOnCurve
-from jhd.distance.nearest.near_curve import NearCurve
-from jhd.distance.normalization.curves import trusted
-from jhd.distance.normalization.pieces import CurvePlace
-from jhd.distance.normalization.stopping import Wanted, aim_at
-from jhd.distance.search import curves as search
+from jhd._distance.cells.branches import CurveBound
+from jhd._distance.nearest.chords import chords_between
+from jhd._distance.nearest.curves import NearestOnCurve
+from jhd._distance.nearest.near_curve import NearCurve
+from jhd._distance.normalization.curves import trusted
+from jhd._distance.normalization.pieces import CurvePlace
+from jhd._distance.normalization.stopping import Wanted, aim_at
+from jhd._distance.search import curves as search
 
 MOVED = 0.125
 WANTED = Wanted(jnp.array(1e-9), jnp.array(0.0), aim_at(None, None, np.float64))

@@ -8,7 +8,7 @@ import pytest
 
 from jhd import BezierCurve, BranchAndBound, minimum_distance
 from jhd._results.solution import name_of
-from jhd.shapes.implicit import ImplicitSurface
+from jhd._shapes.implicit import ImplicitSurface
 from tests.sweeps import swept
 
 # Two of the sizes that coordinates come in, as powers of two: half of the exponents are left to the coefficients.

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.normalization.stopping import Aim
+from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._distance.search.meshes import MeshSearch
+from jhd._distance.search.search import Listener, drive
 from jhd._results.solution import EVENTS, RESULTS
-from jhd.distance.normalization.stopping import Aim
-from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.meshes import MeshSearch
-from jhd.distance.search.search import Listener, drive
-from jhd.shapes.mesh import TriangleMesh
-from jhd.triangles.closest_point import closest_points
+from jhd._shapes.mesh import TriangleMesh
+from jhd._triangles.closest_point import closest_points
 from tests.distance.nearest.test_meshes import torus
 from tests.shapes.test_mesh import CORNERS, CUBE
 from tests.sweeps import swept
@@ -219,7 +219,7 @@ def test_steps_that_are_used_up_and_interruption_leave_true_bounds():
 
 
 def test_more_cells_than_there_is_room_for_end_the_search_with_true_bounds(monkeypatch):
-    monkeypatch.setattr("jhd.distance.search.meshes._ROOM", 1)
+    monkeypatch.setattr("jhd._distance.search.meshes._ROOM", 1)
     a, b = torus(12, 8), torus(10, 7)
     found, full = (
         mesh_directed(a, b, BranchAndBound(queue_size=16)),

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.arithmetic.bernstein import basis
-from jhd.distance.normalization.net_jets import Net
-from jhd.distance.search import on_patches, patch_boxes
-from jhd.distance.search.on_patches import NetTarget
-from jhd.distance.search.patch_boxes import PatchBoxes, SettledParts
+from jhd._arithmetic.bernstein import basis
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.search import on_patches, patch_boxes
+from jhd._distance.search.on_patches import NetTarget
+from jhd._distance.search.patch_boxes import PatchBoxes, SettledParts
 from tests.distance.test_families import sphere, torus
 
 # More points than nodes are cut for, on more pieces than one box holds.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jhd.distance.search.polished_place import _newton
+from jhd._distance.search.polished_place import _newton
 
 
 def test_a_step_makes_distances_equal_where_the_slopes_are_opposite():

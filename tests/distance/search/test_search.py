@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.search import farthest_place
+from jhd._distance.search.closest_triangles import TriangleSearch
+from jhd._distance.search.dispatch import PointSearch
+from jhd._distance.search.farthest import CurveSearch, SurfaceSearch
+from jhd._distance.search.farthest_place import FarthestSearch
+from jhd._distance.search.meshes import MeshSearch
+from jhd._distance.search.two_phase_minimum import InTurn
 from jhd._results.solution import name_of
-from jhd.distance.search import farthest_place
-from jhd.distance.search.closest_triangles import TriangleSearch
-from jhd.distance.search.dispatch import PointSearch
-from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
-from jhd.distance.search.farthest_place import FarthestSearch
-from jhd.distance.search.meshes import MeshSearch
-from jhd.distance.search.two_phase_minimum import InTurn
 from tests.distance import pairs
 from tests.distance.nearest.test_meshes import torus
 from tests.distance.search.test_implicit_minimum import spheres

@@ -10,7 +10,7 @@ import pytest
 
 import jhd
 from jhd._results.solution import ANSWERS, name_of
-from jhd.shapes import ImplicitSurface
+from jhd._shapes import ImplicitSurface
 from tests import surface_cases
 from tests.sweeps import swept
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.search.targets import target_of
 from jhd._results.solution import RESULTS, name_of
-from jhd.distance.search.targets import target_of
 from tests.differences import differences
 from tests.sweeps import swept
 

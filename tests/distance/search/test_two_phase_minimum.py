@@ -5,9 +5,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.cells.pairs import BestPair, Cell
-from jhd.distance.search.closest import table_of
-from jhd.distance.search.two_phase_minimum import _FIRST_TURN, InTurn
+from jhd._distance.cells.pairs import BestPair, Cell
+from jhd._distance.search.closest import table_of
+from jhd._distance.search.two_phase_minimum import _FIRST_TURN, InTurn
 
 
 def table(length=64):

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from jhd.distance.search.weighted_cells import MeasuredMesh
+from jhd._distance.search.weighted_cells import MeasuredMesh
 
 UNIT = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 # Heights at the corners whose quotients are floats, with one corner alone, a zero, and no change of sign.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jhd.distance.statistics.breakpoints import OnLines, kinks
+from jhd._distance.statistics.breakpoints import OnLines, kinks
 
 ENDS = np.zeros(4), np.ones(4)
 WHERE = np.array([0.1, 1 / 3, 0.7, 0.99])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.statistics.error_control import Estimated
+from jhd._distance.statistics.error_control import Estimated
 
 
 def chosen(first, second):

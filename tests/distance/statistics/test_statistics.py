@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.statistics.statistics import _rounded_outward
 from jhd._results.solution import name_of
-from jhd.distance.statistics.statistics import _rounded_outward
 from tests.sweeps import swept
 
 ORIGIN = jhd.point_set([(0.0, 0.0)])

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.normalization.implicit_derivatives import TouchedRows, following
+from jhd._distance.search.closest_triangles import as_mesh
+from jhd._distance.witness import balance
+from jhd._distance.witness.mixed_derivatives import with_place_derivatives
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, MinimumSolution, Witness
-from jhd.distance.normalization.implicit_derivatives import TouchedRows, following
-from jhd.distance.search.closest_triangles import as_mesh
-from jhd.distance.witness import balance
-from jhd.distance.witness.mixed_derivatives import with_place_derivatives
 
 NORMAL = np.array([0.6, 0.0, 0.8])
 

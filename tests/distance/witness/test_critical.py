@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.witness.critical import local_pairs
 from jhd._results.solution import name_of
-from jhd.distance.witness.critical import local_pairs
 from tests.cases import CASES
 from tests.distance.pairs import BY_NAME, both, curve, diagonal, is_quick
 from tests.sweeps import swept

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.witness import derivative
 from jhd._results.solution import name_of
-from jhd.distance.witness import derivative
 from tests.processes import python
 from tests.sweeps import swept
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.nearest.curves import nearest
+from jhd._distance.nearest.feet import follow_foot
+from jhd._distance.normalization.curves import prepare
+from jhd._distance.normalization.jets import jet
+from jhd._distance.normalization.pieces import CurvePlace, piece_of, preceding
+from jhd._distance.witness.events import describe
 from jhd._results.solution import name_of
-from jhd.distance.nearest.curves import nearest
-from jhd.distance.nearest.feet import follow_foot
-from jhd.distance.normalization.curves import prepare
-from jhd.distance.normalization.jets import jet
-from jhd.distance.normalization.pieces import CurvePlace, piece_of, preceding
-from jhd.distance.witness.events import describe
 
 # Feet are refined by Newton's method in float64.
 ROUNDING = 1e-12

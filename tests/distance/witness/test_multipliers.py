@@ -14,8 +14,8 @@ import pytest
 from scipy.optimize import linprog
 
 import jhd
+from jhd._distance.witness.multipliers import balanced, share
 from jhd._results.solution import name_of
-from jhd.distance.witness.multipliers import balanced, share
 from tests.sweeps import swept
 
 # Differences are off by the curvature times the step, the search of meshes by its tolerance over the step.

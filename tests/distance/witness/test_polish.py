@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._distance.witness.polish import polish
 from jhd._runtime.compiled import compiled
-from jhd.distance.witness.polish import polish
 from tests.surface_cases import BY_NAME, CASES, X, Y, Z, sphere, surface
 
 # Newton's method ends at rounding; the values of the table are of size one.

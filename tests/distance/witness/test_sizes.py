@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._distance.witness.balance import CornerRows, NetRows, Polynomial, from_pair, from_place
+from jhd._distance.witness.nets import from_nets
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, MinimumSolution, Witness
-from jhd.distance.witness.balance import CornerRows, NetRows, Polynomial, from_pair, from_place
-from jhd.distance.witness.nets import from_nets
 from tests.distance.witness.test_balance import sphere
 
 NORMAL = np.array([2.0, 3, 6]) / 7

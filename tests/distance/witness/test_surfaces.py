@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from jhd._distance.witness.mixed_derivatives import with_place_derivatives
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
-from jhd.distance.witness.mixed_derivatives import with_place_derivatives
-from jhd.shapes.implicit import ImplicitSurface
+from jhd._shapes.implicit import ImplicitSurface
 from tests.surface_cases import BY_NAME, Surface
 from tests.surface_reference import solve
 from tests.sweeps import swept

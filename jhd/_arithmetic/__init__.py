@@ -1,0 +1,1 @@
+"""Arithmetic with certified results: intervals, Bernstein forms, sums and polynomial systems."""

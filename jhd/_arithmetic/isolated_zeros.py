@@ -1,0 +1,287 @@
+"""Where a polynomial in three variables is zero at a single point of a cube, or nearly is, in exact arithmetic.
+
+At such a point the polynomial does not change its sign, so neither signs nor enclosures tell whether it is there. About
+a point p write f as v + g.t + t.H t / 2 + G.n + the rest, with t the free coordinates from p, and n >= 0 inward those
+in which p is on a face of the box and f rises from it (the other ones are free on a face too). With H - m 1 positive
+definite the rest takes at most m |t|^2 / 4, and less than G.n, where the sums of its coefficients say so, in all of a
+cube about p; there
+
+    f >= v - |g| |t| + c |t|^2 + K.n,   c = m / 4,   K > 0.
+
+So f has no zero in the cube where |g|^2 < 4 c v; else all of them lie within a small radius of p, there is one where
+v < 0, since f is positive farther out, and it is p itself where v and g vanish.
+
+Source: ours.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd._arithmetic import exact_polynomials
+
+# Starts along each free axis, Newton steps in floating point and in exact arithmetic, and its bits.
+_STARTS, _STEPS, _EXACT_STEPS, _BITS = 5, 10, 4, 240
+# After so many steps those with larger values than this go on no more.
+_LOOK, _PROMISING = 4, 1e-2
+# Values up to this one may be zero; eigenvalues from this share of the largest on are none of rounding.
+_SMALL, _DEFINITE = 1e-9, 1e-5
+# Places are one where they agree so far; a rational coordinate has at most this denominator.
+_SAME, _SIMPLE = 1e-6, 1 << 20
+# The first half side of a cube as a share of the box, and how often it is halved.
+_FIRST, _HALVINGS = 0.5, 24
+# At most so often half its side a place of a cube in 0, 1, 2 or 3 coordinates is away from its middle.
+_LONG = Fraction(0), Fraction(1), Fraction(3, 2), Fraction(7, 4)
+# What is lost in sums of floats of exact numbers.
+_ROOM = 1 + 1e-9
+
+
+class IsolatedZero(NamedTuple):
+    """A cube about a place in which all zeros within the box lie near the place.
+
+    Args:
+        place: the place.
+        half: half the side of the cube.
+        radius: all zeros of the cube lie within it; negative where there are none.
+        there: whether there is one.
+    """
+
+    place: list[Fraction]
+    half: float
+    radius: float
+    there: bool
+
+
+def isolated_zeros(
+    polynomial: np.ndarray, floats: np.ndarray, lower: np.ndarray, upper: np.ndarray, simple: Any
+) -> list[IsolatedZero]:
+    """What is found of a polynomial in a box; others may be overlooked.
+
+    Args:
+        polynomial: a positive multiple of it, in integers.
+        floats: its coefficients as floats, the largest about one.
+        lower: the lower corner of the box.
+        upper: the upper corner.
+        simple: a place as floats to a rational one close by which a zero may be exactly at, or None.
+    """
+    found: list[IsolatedZero] = []
+    for place, held in _candidates(floats, lower, upper):
+        inward = [0 if not h else (1 if x == low else -1) for h, x, low in zip(held, place, lower, strict=True)]
+        start = [Fraction(float(x)) for x in place]
+        guesses = [start, simple(place)]
+        zero = _at_first(polynomial, [g for g in guesses if g is not None], inward, lower, upper)
+        zero = zero or _about(polynomial, _sharpened(polynomial, start, inward), inward, lower, upper)
+        if zero is not None and not any(_near(zero, other) for other in found):
+            found.append(zero)
+    return found
+
+
+def _near(zero: IsolatedZero, other: IsolatedZero) -> bool:
+    return max(abs(float(x - y)) for x, y in zip(zero.place, other.place, strict=True)) < _SAME
+
+
+def _at_first(
+    polynomial: np.ndarray, guesses: list[list[Fraction]], inward: list[int], lower: np.ndarray, upper: np.ndarray
+) -> IsolatedZero | None:
+    """What is about the first of some places if it is a zero itself."""
+    for guess in guesses:
+        here = exact_polynomials.substituted(polynomial, guess, [Fraction(1)] * 3)
+        slopes = [_slope(here, axis) for axis in range(3)]
+        if here[0, 0, 0] == 0 and all(s or slope == 0 for s, slope in zip(inward, slopes, strict=True)):
+            rising = [s if slope else 0 for s, slope in zip(inward, slopes, strict=True)]
+            return _about(polynomial, guess, rising, lower, upper)
+    return None
+
+
+def _slope(polynomial: np.ndarray, axis: int) -> int:
+    """The coefficient of the first power of one coordinate."""
+    return int(polynomial[tuple(np.eye(3, dtype=int)[axis])]) if polynomial.shape[axis] > 1 else 0
+
+
+def _sharpened(polynomial: np.ndarray, place: list[Fraction], inward: list[int]) -> list[Fraction]:
+    """Where the gradient along the free coordinates vanishes to many digits, by Newton's method in exact numbers."""
+    free = [axis for axis in range(3) if not inward[axis]]
+    for _ in range(_EXACT_STEPS if free else 0):
+        here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
+        unit = max(abs(x) for x in here.flat)
+        bent = np.array([[float(Fraction(x, unit)) for x in row] for row in _hessian(here, free)])
+        slope = [Fraction(_slope(here, axis), unit) for axis in free]
+        size = max(abs(x) for x in slope)
+        if size == 0:
+            break
+        step = np.linalg.solve(bent, [float(x / size) for x in slope])
+        place = list(place)
+        for axis, move in zip(free, step, strict=True):
+            place[axis] = Fraction(round((place[axis] - size * Fraction(float(move))) * (1 << _BITS)), 1 << _BITS)
+    return place
+
+
+def _hessian(here: np.ndarray, free: Sequence[int]) -> list[list[int]]:
+    rows = []
+    for i in free:
+        row = []
+        for j in free:
+            power = [0, 0, 0]
+            power[i] += 1
+            power[j] += 1
+            inside = all(p < n for p, n in zip(power, here.shape, strict=True))
+            row.append((2 if i == j else 1) * int(here[tuple(power)]) if inside else 0)
+        rows.append(row)
+    return rows
+
+
+def _about(
+    polynomial: np.ndarray, place: list[Fraction], inward: list[int], lower: np.ndarray, upper: np.ndarray
+) -> IsolatedZero | None:
+    """What the expansion about a place proves, see the module; None where that is nothing."""
+    free = [axis for axis in range(3) if not inward[axis]]
+    ends = [(Fraction(float(lower[k])), Fraction(float(upper[k]))) for k in range(3)]
+    if any(not ends[k][0] <= place[k] <= ends[k][1] for k in free):
+        return None
+    here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
+    rising = [_slope(here, k) * inward[k] for k in range(3) if inward[k]]
+    trace = sum(row[i] for i, row in enumerate(_hessian(here, free)))
+    sign = -1 if (trace if free else rising[0]) < 0 else 1
+    unit = max(abs(x) for x in here.flat) * sign
+    least = _least_eigenvalue([[Fraction(x, unit) for x in row] for row in _hessian(here, free)])
+    rising = [Fraction(x, unit) for x in rising]
+    if least is None or any(x <= 0 for x in rising):
+        return None
+    size = float(max(upper - lower))
+    for power in range(_HALVINGS):
+        half = Fraction(_FIRST * size) / (1 << power)
+        bent, falling = _rest(here, abs(unit), inward, half)
+        if all(2 * x < y for x, y in zip(falling, rising, strict=True)) and (not free or 4 * bent <= least):
+            break
+    else:
+        return None
+    value = Fraction(int(here[0, 0, 0]), unit)
+    slopes = [Fraction(_slope(here, k), unit) for k in free]
+    radius = _radius(value, slopes, least / 4, [x / 2 for x in rising])
+    # From a place on a face the box goes on to the other side.
+    inside = all(place[k] in ends[k] or min(place[k] - ends[k][0], ends[k][1] - place[k]) > 2 * radius for k in free)
+    thick = all(upper[k] - lower[k] > 2 * radius for k in range(3))
+    if radius >= 0.25 * float(half) or not (inside and thick):
+        return None
+    return IsolatedZero(place, float(half), radius, value < 0 or (value == 0 and not any(slopes)))
+
+
+def _least_eigenvalue(matrix: list[list[Fraction]]) -> Fraction | None:
+    """A positive lower bound of all eigenvalues; one where there are none, None where there is no such bound."""
+    if not matrix:
+        return Fraction(1)
+    least = float(np.linalg.eigvalsh(np.array(matrix, dtype=float))[0])
+    if not least > 0:
+        return None
+    bound = Fraction(0.9 * least)
+    rest = [[x - (bound if i == j else 0) for j, x in enumerate(row)] for i, row in enumerate(matrix)]
+    for k in range(len(rest)):
+        if rest[k][k] <= 0:
+            return None
+        for i in range(k + 1, len(rest)):
+            share = rest[i][k] / rest[k][k]
+            rest[i] = [x - share * y for x, y in zip(rest[i], rest[k], strict=True)]
+    return bound
+
+
+def _rest(here: np.ndarray, unit: int, inward: list[int], half: Fraction) -> tuple[Fraction, list[Fraction]]:
+    """What the terms beyond the second degree take, per |t|^2, and those with coordinates n, per each of these."""
+    held = [axis for axis in range(3) if inward[axis]]
+    long = half * _LONG[3 - len(held)]
+    bent, falling = Fraction(0), {axis: Fraction(0) for axis in held}
+    for power in product(*map(range, here.shape)):
+        degree, size = sum(power), abs(Fraction(int(here[power]), unit))
+        owner = next((axis for axis in held if power[axis]), None)
+        if owner is not None and degree > 1:
+            falling[owner] += size * half ** (degree - 1)
+        elif owner is None and degree > 2:
+            bent += size * long ** (degree - 2)
+    return bent, [falling[axis] for axis in held]
+
+
+def _radius(value: Fraction, slopes: list[Fraction], curved: Fraction, rising: list[Fraction]) -> float:
+    """Within what all zeros lie where f >= value - |slopes| |t| + curved |t|^2 + rising.n; negative for none."""
+    square = sum((x * x for x in slopes), Fraction(0))
+    under = square - 4 * curved * value
+    if under < 0:
+        return -1.0
+    if value == 0 and square == 0:
+        return 0.0
+    # Exact numbers may be far below the smallest float.
+    tiny = 1e-150
+    along = (float(square) ** 0.5 + float(under) ** 0.5) / (2 * float(curved)) + tiny
+    inward = max(float(square / (4 * curved) - value), 0.0)
+    away = [inward / float(x) + tiny for x in rising]
+    return float(np.sqrt(along**2 + sum(x**2 for x in away))) * _ROOM
+
+
+def _candidates(a: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Places where value and gradient about vanish and second derivatives are definite, and what faces hold there."""
+    x, held = _starts(lower, upper)
+    for k in range(_STEPS):
+        value, slope, bent = _jets(a, x)
+        if k == _LOOK:
+            x, held, slope, bent = (row[np.abs(value) <= _PROMISING] for row in (x, held, slope, bent))
+        move = _newton(np.where(held, 0.0, slope), bent, held)
+        long = 0.3 * np.max(upper - lower) / np.maximum(np.linalg.norm(move, axis=1), 1e-300)
+        x = np.where(held, x, np.clip(x - move * np.minimum(1.0, long)[:, None], lower, upper))
+    value, slope, bent = _jets(a, x)
+    size = np.max(np.abs(bent), axis=(1, 2)) + np.max(np.abs(slope), axis=1)
+    values = np.linalg.eigvalsh(np.where(held[:, :, None] | held[:, None], 0.0, bent))
+    least = _DEFINITE * size[:, None] + 1e-300
+    # Held coordinates add eigenvalues zero.
+    count = 3 - np.sum(held, axis=1)
+    definite = (np.sum(values > least, axis=1) == count) | (np.sum(values < -least, axis=1) == count)
+    flat = np.max(np.where(held, 0.0, np.abs(slope)), axis=1) <= _SMALL * size
+    inside = np.all(held | ((x > lower) & (x < upper)), axis=1)
+    good = definite & flat & inside & (np.abs(value) <= _SMALL * size)
+    _, first = np.unique(np.round(x[good] / (_SAME * np.max(upper - lower))), axis=0, return_index=True)
+    return [(x[good][k], held[good][k]) for k in first]
+
+
+def _starts(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places inside the box, on its faces, its edges and at its corners, and the coordinates that these hold."""
+    inner = lower + (upper - lower) * ((np.arange(_STARTS)[:, None] + 0.5) / _STARTS)
+    rows, held = [], []
+    for stratum in product((0, 1, 2), repeat=3):
+        axes = [[low] if s == 0 else [high] if s == 2 else inner[:, k]
+                for k, (s, low, high) in enumerate(zip(stratum, lower, upper, strict=True))]  # fmt: skip
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        rows.append(grid)
+        held.append(np.broadcast_to(np.array(stratum) != 1, grid.shape))
+    return np.concatenate(rows), np.concatenate(held)
+
+
+def _newton(slope: np.ndarray, bent: np.ndarray, held: np.ndarray) -> np.ndarray:
+    eye = np.eye(3)
+    bent = np.where(held[:, :, None] | held[:, None], eye, bent)
+    # What is singular has no isolated zero to go to.
+    size = np.max(np.abs(bent), axis=(1, 2))
+    bent = np.where((np.abs(np.linalg.det(bent)) > 1e-12 * size**3)[:, None, None], bent, eye)
+    return np.linalg.solve(bent, slope[..., None])[..., 0]
+
+
+def _jets(a: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values, gradients and second derivatives at rows of places."""
+    tables = []
+    for axis in range(3):
+        n = a.shape[axis]
+        powers = x[:, axis, None] ** np.arange(n)
+        first = np.pad(powers[:, :-1] * np.arange(1, n), [(0, 0), (1, 0)])
+        second = np.pad(first[:, :-1] * np.arange(1, n), [(0, 0), (1, 0)])
+        tables.append((powers, first, second))
+    flat = a.reshape(a.shape[0], -1)
+    along = [(row @ flat).reshape(len(x), *a.shape[1:]) for row in tables[0]]
+
+    def derivative(i: int, j: int, k: int) -> np.ndarray:
+        plane = np.einsum("lj,ljk->lk", tables[1][j], along[i])
+        return np.einsum("lk,lk->l", tables[2][k], plane)
+
+    slope = np.stack([derivative(1, 0, 0), derivative(0, 1, 0), derivative(0, 0, 1)], axis=1)
+    xx, yy, zz = derivative(2, 0, 0), derivative(0, 2, 0), derivative(0, 0, 2)
+    xy, xz, yz = derivative(1, 1, 0), derivative(1, 0, 1), derivative(0, 1, 1)
+    bent = np.stack([np.stack(row, axis=1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))], axis=1)
+    return derivative(0, 0, 0), slope, bent

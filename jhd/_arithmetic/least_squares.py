@@ -1,0 +1,77 @@
+"""Least squares with non-negative unknowns, on the host.
+
+Source: Lawson & Hanson, Solving least squares problems (1974), chapter 23: the unknowns that are positive form a basis,
+to which one is added at a time and from which those leave that would become negative.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jhd._arithmetic.rounding import smallest_normal
+
+# The pull on an unknown below which it does not enter, of equations of order one; values below the second are zero.
+_PULL = 1e-14
+_VANISHING = 1e-15
+# Columns beyond which the basis is first looked for by the normal equations.
+_FEW = 24
+
+
+def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndarray, " rows"]) -> Any:
+    """The x >= 0 for which |matrix x - right| is least; the columns of its positive entries are independent.
+
+    It may be all zeros, and is where a number is not finite.
+    """
+    start = np.zeros(matrix.shape[1])
+    # LAPACK would complain of these on the standard error.
+    if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
+        return start
+    if matrix.shape[1] > _FEW:
+        # Of many columns the basis is first looked for by the normal equations, which lose digits but take little time.
+        products, sums = matrix.T @ matrix, matrix.T @ right
+        found = _entering(matrix, right, start, lambda basic: np.linalg.solve(products[basic][:, basic], sums[basic]))
+        start = start if found is None else found
+    found = _entering(matrix, right, start, lambda basic: np.linalg.lstsq(matrix[:, basic], right, rcond=None)[0])
+    return start if found is None else found
+
+
+def _entering(
+    matrix: np.ndarray, right: np.ndarray, x: np.ndarray, solved: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray | None:
+    """The unknowns from a start on, with what solves for those of a basis; None where it cannot."""
+    count = matrix.shape[1]
+    basic = x > 0
+    try:
+        if basic.any():
+            x = _within(x, basic, solved)
+        for _ in range(3 * count):
+            pull = matrix.T @ (right - matrix @ x)
+            pull[basic] = -np.inf
+            new = int(np.argmax(pull))
+            if basic.all() or pull[new] <= _PULL:
+                break
+            basic[new] = True
+            x = _within(x, basic, solved)
+            if not basic.any():
+                break
+    except np.linalg.LinAlgError:
+        return None
+    return x if np.all(np.isfinite(x)) else None
+
+
+def _within(x: np.ndarray, basic: np.ndarray, solved: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """The solution of the basis, from which those leave that would become negative."""
+    while True:
+        z = np.zeros(len(x))
+        z[basic] = solved(basic)
+        low = basic & (z <= 0)
+        if not low.any():
+            return z
+        share = np.min(x[low] / np.maximum(x[low] - z[low], smallest_normal(x.dtype)))
+        x = x + share * (z - x)
+        basic &= x > _VANISHING
+        x[~basic] = 0.0
+        if not basic.any():
+            return x

@@ -1,0 +1,208 @@
+"""Polynomials in two variables on [-1, 1]^2, cut off at a degree, with bounds of what was cut: Taylor models.
+
+A truncated polynomial stands for every function that differs from its terms by at most `rest` on the square. Products
+are cut off again; what they lose, and all roundings, go into the rest. So a polynomial in three variables is put on a
+surface piece (x(s, t), y(s, t), z(s, t)) at a cost that does not grow with its degree: with the size h of the piece the
+rest is of the order h^(degree + 1).
+
+Rounding. A coefficient of a product is a sum of at most N products, N the number of terms, so the roundings of all of
+them together are below gamma(N + 2) times the product of the sizes; rests are sums of at most 4 N numbers that are not
+negative, each a product of a few.
+
+Source: Makino & Berz, Taylor models and other validated functional inclusion methods, IJPAM 4 (2003).
+"""
+
+import math
+from functools import cache
+from itertools import product as cartesian
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd._arithmetic.rounding import gamma, smallest_normal
+from jhd._arithmetic.trivariate import bernstein_conversion
+from jhd._runtime.arrays import varying
+
+# The degree at which polynomials are cut off.
+DEGREE = 5
+# Exponents of the terms, by degree.
+EXPONENTS = sorted(((i, j) for i, j in cartesian(range(DEGREE + 1), repeat=2) if i + j <= DEGREE), key=sum)
+_COUNT = len(EXPONENTS)
+_DEGREES = np.array([i + j for i, j in EXPONENTS])
+_ROW = {powers: k for k, powers in enumerate(EXPONENTS)}
+# Row m, entry k: the term that times term m makes term k; the one after the last is zero.
+_FACTOR = np.array([[_ROW.get((k[0] - m[0], k[1] - m[1]), _COUNT) for k in EXPONENTS] for m in EXPONENTS])
+# Which of the terms, and last of the rest, are of each degree; the rest counts as beyond the largest one.
+_OF_DEGREE = np.append(_DEGREES, DEGREE + 1) == np.arange(DEGREE + 2)[:, None]
+# Which products of two of these belong to the rest.
+_BEYOND = np.add.outer(np.arange(DEGREE + 2), np.arange(DEGREE + 2)) > DEGREE
+# Monomials that are formed in one step.
+_SIDE_BY_SIDE = 3
+# Roundings of a coefficient of a product, and of the sums of its rest.
+_ROUNDINGS = 4 * _COUNT + 16
+# Bernstein coefficients on the square of all terms.
+_TO_BERNSTEIN = np.stack(
+    [np.outer(*(bernstein_conversion(DEGREE)[:, power] for power in powers)).ravel() for powers in EXPONENTS], axis=1
+)
+
+
+class Truncated(NamedTuple):
+    """Functions on the square: coefficients of s^i t^j in the order of EXPONENTS, and the most they are off by."""
+
+    terms: Array  # (terms, ...)
+    rest: Array  # (...)
+
+    @property
+    def size(self) -> Array:
+        """A bound of the absolute values, but for the roundings of this sum."""
+        return jnp.sum(jnp.abs(self.terms), axis=0) + self.rest
+
+
+def product(x: Truncated, y: Truncated) -> Truncated:
+    """The product."""
+    dtype = x.terms.dtype
+    padded = jnp.concatenate([y.terms, jnp.zeros_like(y.terms[:1])])
+
+    # A loop compiles five times as fast as the sum written out.
+    def add(m: Array, total: Array) -> Array:
+        return total + x.terms[m] * padded[jnp.asarray(_FACTOR)[m]]
+
+    terms = jax.lax.fori_loop(0, _COUNT, add, varying(jnp.zeros_like(x.terms + y.terms), x, y))
+    # What is beyond the degree, and a share of all for roundings, by the sizes of the terms of each.
+    room = gamma(_ROUNDINGS, dtype)
+    first, second = _sizes(x), _sizes(y)
+    shares = np.where(_BEYOND, 1 + 2 * room, room).astype(dtype).reshape(*_BEYOND.shape, *(1,) * (second.ndim - 1))
+    return Truncated(jnp.asarray(terms), _known(jnp.sum(shares * first[:, None] * second, axis=(0, 1))))
+
+
+def _known(rest: Array) -> Array:
+    """The rest with what is flushed, and infinite where something unknown is taken no times."""
+    return jnp.where(jnp.isnan(rest), jnp.inf, rest + 16 * smallest_normal(rest.dtype))
+
+
+def _sizes(x: Truncated) -> Array:
+    """The sums of the sizes of the terms of each degree, and last the rest."""
+    rows = jnp.concatenate([jnp.abs(x.terms), x.rest[None]])
+    return jnp.sum(jnp.where(_OF_DEGREE.reshape(*_OF_DEGREE.shape, *(1,) * (rows.ndim - 1)), rows[None], 0.0), axis=1)
+
+
+def plus(x: Truncated, y: Truncated) -> Truncated:
+    """The sum."""
+    terms, dtype = x.terms + y.terms, x.terms.dtype
+    rest = (x.rest + y.rest) * (1 + gamma(4, dtype)) + gamma(2, dtype) * jnp.sum(jnp.abs(terms), axis=0)
+    return Truncated(terms, rest + 16 * smallest_normal(dtype))
+
+
+def scaled(x: Truncated, factor: Array | float) -> Truncated:
+    """The functions times numbers."""
+    dtype, size = x.terms.dtype, jnp.abs(jnp.asarray(factor))
+    rest = x.rest * size * (1 + gamma(4, dtype)) + gamma(2, dtype) * size * jnp.sum(jnp.abs(x.terms), axis=0)
+    return Truncated(x.terms * factor, rest + 16 * smallest_normal(dtype))
+
+
+def reciprocal(x: Truncated) -> Truncated:
+    """One over functions; what they are off by is infinite where they may vanish.
+
+    With m the first term and d = x / m - 1 it is (1 - d + .. - d^5 + d^6 / (1 + d)) / m.
+    """
+    dtype = x.terms.dtype
+    middle = x.terms[0]
+    safe = jnp.where(middle != 0, middle, 1.0)
+    less = scaled(Truncated(-x.terms.at[0].set(0.0), x.rest), 1 / safe)
+    # The factor is rounded.
+    less = less._replace(rest=less.rest + gamma(4, dtype) * (1 + less.size))
+    size = less.size * (1 + gamma(_ROUNDINGS, dtype))
+    one = Truncated(jnp.zeros_like(x.terms).at[0].set(1.0), jnp.zeros_like(x.rest))
+    step = lambda _, total: plus(one, product(less, total))  # noqa: E731
+    total = jax.lax.fori_loop(0, DEGREE, step, varying(one, x))
+    near = (size < 1) & (middle != 0)
+    left = size ** (DEGREE + 1) / jnp.where(near, 1 - size, 1.0) * (1 + gamma(16, dtype))
+    found = scaled(total._replace(rest=total.rest + left), 1 / safe)
+    rest = found.rest + gamma(4, dtype) * found.size * (1 + gamma(_ROUNDINGS, dtype))
+    return Truncated(found.terms, jnp.where(near, rest, jnp.inf))
+
+
+def composed(form: Array, variables: Truncated) -> Truncated:
+    """The polynomial of x^i y^j .., form (i, j, .., ...), at as many functions of absolute value at most one.
+
+    Terms of a total degree beyond DEGREE go into the rest, which suits forms whose coefficients fall with the degree.
+
+    Args:
+        form: the coefficients.
+        variables: the functions side by side, (terms, functions, ...).
+    """
+    count = variables.rest.shape[0]
+    dtype, shape = form.dtype, form.shape[:count]
+    flat = form.reshape(-1, *form.shape[count:])
+    degrees = np.sum(np.indices(shape), axis=0).ravel()
+    plan = _monomials(shape)
+
+    def step(k: Array, known: Truncated) -> Truncated:
+        x, y = (jax.tree_util.tree_map(lambda x, at=at: x[jnp.asarray(at)[k]], known) for at in (plan.lower, plan.axis))
+        put = lambda x, new: jax.lax.dynamic_update_slice_in_dim(x, new, count + k * _SIDE_BY_SIDE, 0)  # noqa: E731
+        return jax.tree_util.tree_map(put, known, jax.vmap(product)(x, y))
+
+    known = Truncated(jnp.moveaxis(variables.terms, 1, 0), variables.rest)
+    if len(plan.entry):
+        room = lambda x: jnp.pad(x, [(0, plan.entry.size)] + [(0, 0)] * (x.ndim - 1))  # noqa: E731
+        known = varying(jax.tree_util.tree_map(room, known), variables)
+        known = jax.lax.fori_loop(0, len(plan.entry), step, known)
+    # The constant one has no row; what stands for no monomial has a coefficient of zero.
+    factors = jnp.concatenate([flat, jnp.zeros_like(flat[:1])])[np.append(plan.first, plan.entry)]
+    sizes, beyond = jnp.abs(factors), jnp.abs(flat[np.flatnonzero(degrees > DEGREE)])
+    terms = jnp.sum(factors[:, None] * known.terms, axis=0).at[0].add(flat[0])
+    rest = jnp.sum(sizes * known.rest, axis=0)
+    size = rest + jnp.sum(sizes * jnp.sum(jnp.abs(known.terms), axis=1), axis=0) + jnp.abs(flat[0])
+    rest, room = rest + jnp.sum(beyond, axis=0), gamma(degrees.size + _ROUNDINGS, dtype)
+    return Truncated(terms, _known(rest * (1 + room) + room * size))
+
+
+class _Monomials(NamedTuple):
+    """How those of degree 2, 3, .. DEGREE come of others, some in a step: a loop compiles as fast as one step.
+
+    Args:
+        first: where the coefficients of the variables stand.
+        lower: rows (steps, side by side) of monomials of one degree less, after those of the variables.
+        axis: the variables that these are multiplied with.
+        entry: where the coefficients stand; one behind the last where there is none.
+    """
+
+    first: np.ndarray
+    lower: np.ndarray
+    axis: np.ndarray
+    entry: np.ndarray
+
+
+@cache
+def _monomials(shape: tuple[int, ...]) -> _Monomials:
+    """Those with powers below a shape."""
+    count, none = len(shape), math.prod(shape)
+    entry = {powers: k for k, powers in enumerate(np.ndindex(*shape))}
+    units = [tuple(int(j == axis) for j in range(count)) for axis in range(count)]
+    row, steps = {unit: axis for axis, unit in enumerate(units)}, []
+    for degree in range(2, DEGREE + 1):
+        powers = [p for p in entry if sum(p) == degree]
+        for some in (powers[k : k + _SIDE_BY_SIDE] for k in range(0, len(powers), _SIDE_BY_SIDE)):
+            axes = [next(axis for axis, power in enumerate(p) if power) for p in some]
+            lower = [row[tuple(np.subtract(p, units[axis]).tolist())] for p, axis in zip(some, axes, strict=True)]
+            row |= {p: count + _SIDE_BY_SIDE * len(steps) + k for k, p in enumerate(some)}
+            rest = [0] * (_SIDE_BY_SIDE - len(some))
+            steps.append([lower + rest, axes + rest, [entry[p] for p in some] + [none] * len(rest)])
+    first = np.array([entry.get(unit, none) for unit in units])
+    return _Monomials(first, *np.reshape(np.array(steps, int), (-1, 3, _SIDE_BY_SIDE)).swapaxes(0, 1))
+
+
+def bernstein_form(terms: Array) -> Array:
+    """Bernstein coefficients on the square, (DEGREE + 1, DEGREE + 1, ...), of terms (terms, ...)."""
+    matrix = _TO_BERNSTEIN.astype(terms.dtype).reshape(*_TO_BERNSTEIN.shape, *[1] * (terms.ndim - 1))
+    return jnp.sum(matrix * terms, axis=1).reshape(DEGREE + 1, DEGREE + 1, *terms.shape[1:])
+
+
+def largest(x: Truncated) -> Array:
+    """An upper bound of the values on the square, by Bernstein coefficients."""
+    dtype = x.terms.dtype
+    values = bernstein_form(x.terms)
+    return jnp.max(values, axis=(0, 1)) + (x.rest * (1 + gamma(4, dtype)) + gamma(_ROUNDINGS, dtype) * x.size)

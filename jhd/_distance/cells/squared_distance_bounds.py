@@ -1,0 +1,79 @@
+"""Lower bounds of the distance of points to parts of curved pieces, by Bernstein coefficients of squares; on the host.
+
+With n = w (b - p), homogeneous, the squared distance along a piece is |n|^2 / w^2, so it is at least the smallest ratio
+of the coefficients of |n|^2 and w^2. On a rational sphere, circle or torus seen from its center both are the same
+polynomial but for a factor, and nothing is lost, however large the part; near the center little is.
+
+Rounding, with r the largest |b - p| of the piece: restriction leaves off_by of n / r and of w, which are at most one;
+a coefficient of a square is a sum of as many products as the piece has coordinates of control points at most, with
+positive factors of a few roundings, whose sizes sum up to at most max |n_i|^2 / w_i^2 times that of w^2.
+
+Source: the hull property as in Farouki & Rajan, CAGD 5 (1988).
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jhd._arithmetic.rounding import gamma, smallest_normal
+from jhd._distance.cells.arc_length_area import off_by, restricted
+from jhd._distance.normalization.net_jets import Net
+
+
+def distances_by_squares(
+    net: Net,
+    points: Float[np.ndarray, "cells 3"],
+    piece: Int[np.ndarray, " cells"],
+    low: Float[np.ndarray, "cells parameters"],
+    high: Float[np.ndarray, "cells parameters"],
+) -> tuple[Float[np.ndarray, " cells"], Int[np.ndarray, " cells"]]:
+    """Lower bounds of the distances of points to the parts of pieces between these parameters, and where to cut these.
+
+    A part is to be cut along the parameter along which the coefficients differ most: along a circle that is as near
+    everywhere, as it is from the axis of a surface of revolution, they do not differ.
+    """
+    held = np.asarray(net.points, np.float64)[piece]
+    apart = held - points[:, None, None].astype(np.float64)
+    size = np.max(np.abs(apart), axis=(1, 2, 3))
+    apart = apart / np.where(size > 0, size, 1.0)[:, None, None, None]
+    weights = np.ones(held.shape[:-1]) if net.weights is None else np.asarray(net.weights, np.float64)[piece]
+    rows = np.concatenate([apart * weights[..., None], weights[..., None]], axis=-1)
+    rows = restricted(rows, low.astype(np.float64), high.astype(np.float64))
+    n, w = rows[..., :3], rows[..., 3:]
+    squares, weighed = _square(n), _square(w)
+    least = np.min(w, axis=(1, 2, 3))
+    off = off_by(net.degrees)
+    good = least > 4 * off
+    least = np.where(good, least, 1.0)
+    ratios = np.where(weighed > 0, squares / np.where(weighed > 0, weighed, 1.0), 0.0)
+    share = gamma(3 * rows[0, ..., 0].size + 32, np.float64)
+    most = np.max(np.sum(n * n, axis=-1) / np.where(w > 0, w, np.inf)[..., 0] ** 2, axis=(1, 2))
+    root = np.sqrt(np.maximum(np.min(ratios, axis=(1, 2)) - 2 * share * most, 0.0))
+    room = share + off / least
+    # Differences and their division by the size are off by two roundings, as that is.
+    lost = 2 * math.sqrt(3) * (off + gamma(4, np.float64)) / least
+    lower = np.maximum(root * (1 - room) - lost, 0.0) * size * (1 - gamma(8, np.float64))
+    # Below the normal numbers a product rounds by a unit of its own.
+    lower = np.maximum(lower - smallest_normal(np.float64), 0.0)
+    moves = [np.max(np.abs(np.diff(ratios, axis=k)), axis=(1, 2), initial=0.0) for k in range(1, 1 + low.shape[1])]
+    return np.where(good & np.isfinite(lower), lower, 0.0), np.argmax(moves, axis=0)
+
+
+def _square(rows: np.ndarray) -> np.ndarray:
+    """Bernstein coefficients (cells, 2 m - 1, 2 n - 1) of the sum of squares of columns (cells, m, n, columns)."""
+    orders = rows.shape[1:3]
+    single, double = _binomials(orders), _binomials([2 * k - 1 for k in orders])
+    scaled = rows * single[..., None]
+    total = np.zeros((len(rows), *double.shape))
+    for i in range(orders[0]):
+        for j in range(orders[1]):
+            total[:, i : i + orders[0], j : j + orders[1]] += np.einsum("cx,cijx->cij", scaled[:, i, j], scaled)
+    return total / double
+
+
+def _binomials(orders: Sequence[int]) -> np.ndarray:
+    """Those of the Bernstein polynomials of two orders, multiplied."""
+    first, second = ([math.comb(k - 1, i) for i in range(k)] for k in orders)
+    return np.outer(first, second)

@@ -1,0 +1,303 @@
+"""Parametric shapes in lower bounds by feet that move with the place (jhd._distance.cells.tracked_feet).
+
+Over a cell of a parametric shape its point is a polynomial of degree 5 but for a rest of the sixth order
+(jhd._arithmetic.truncated). With feet on such a shape b, let P(u) be the moving point and Q(u) polynomials for the
+parameters, through about the feet of some places. Where the second derivatives of |P(u) - b(x)|^2 in x are at least
+2 diag(k) > 0 for all u of the cell and all x of a box E that holds the cell of b and Q, the squared distance is bounded
+as in jhd._distance.cells.tracked_feet_minimum, with
+
+    L(u, x) = |P(u) - b(x)|^2,   R = -2 (P(u) - b(Q)).b_x(Q).
+
+Feet are followed beyond the cell of b, and of its piece, by about the size of the cell of a: at joints of smooth shapes
+nothing has to be cut.
+
+Rounding: x is counted from -1 to 1 over E, whose ends are floats, and Q is its floating-point coefficients there. A
+part between parameters beyond [0, 1] has control points that are sums of the given ones with factors whose sizes have a
+sum of at most G, so its errors are G times those of jhd._distance.normalization.net_jets; on rational pieces these are
+errors of numerators and weights, and `_part` says what points have then. A polynomial of degree n in Bernstein form
+with errors e is off by e, its first derivative in x by n e, its second one by n^2 e. In single precision that leaves
+little to prove of second derivatives, so few bounds are of use there.
+
+Source: ours.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd._arithmetic.balls import Ball, plus, semidefinite
+from jhd._arithmetic.rounding import gamma
+from jhd._arithmetic.scaling import length
+from jhd._arithmetic.trivariate import power_conversion
+from jhd._arithmetic.truncated import DEGREE, EXPONENTS, Truncated, composed, largest, product, reciprocal, scaled
+from jhd._arithmetic.truncated import plus as added
+from jhd._distance.cells.foot_maps import foot_between
+from jhd._distance.cells.graphs import VALUES, fitted
+from jhd._distance.cells.implicit import between
+from jhd._distance.cells.tracked_feet_minimum import MovingPoint, MovingSquare, least, least_of_rest, less
+from jhd._distance.normalization.net_jets import Net, eta, jet, part_of
+
+# Newton steps for the foot in the middle, and from there for those of the nodes.
+_FIRST, _STEPS = 4, 4
+# How far feet are followed beyond a cell, in sizes of that of a: they move faster than a where that is
+# between b and its centers of curvature. And beyond a piece, at most.
+_FARTHER, _BEYOND = 4.0, 0.25
+# Shares of |b_x|^2 that the second derivatives are tried to exceed.
+_MODULI = (0.5, 0.1, 0.01)
+
+
+class _PartWithErrors(NamedTuple):
+    """A part of a piece, bounds of the errors of its points, and of the relative ones of its weights."""
+
+    net: Net
+    error: Array
+    relative: Array
+
+
+class _Powers(NamedTuple):
+    """Rows (i, j, width) of powers of two numbers in [-1, 1], points or homogeneous ones, and errors of the values.
+
+    Points are counted from a center: what the weights multiply, and their rests with it, is as small as the part.
+    """
+
+    rows: Array
+    error: Array
+    center: Array
+
+
+def points_of_net(piece: Net, low: Array, high: Array) -> MovingPoint:
+    """The points of a part of a piece."""
+    powers, n = _powers(_part(piece, low, high)), piece.parameters
+    point = _quotients(_direct(_derivatives(powers, n, 0)), piece.weights is not None, n).point
+    point = _shifted(point, powers.center)
+    return MovingPoint(point, jnp.zeros_like(point.rest[0]), jnp.zeros(n, point.rest.dtype))
+
+
+def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: Array) -> MovingSquare:
+    """A lower bound of the squared distance of moving points from a point, or a piece between parameters."""
+    m, dtype, rational = piece.parameters, low.dtype, piece.weights is not None
+    if piece.degrees == (0, 0):
+        apart = less(point, _constant(piece.points[0, 0]))
+        return MovingSquare(least(_dot(apart, apart)), jnp.asarray(True))
+    q = _feet(piece, point.terms, low, high, start)
+    begin, end = _box(q, low, high)
+    half = 0.5 * (end - begin)
+    q = q.at[0].add(-0.5 * (begin + end)) / half
+    inside = jnp.all(jnp.sum(jnp.abs(q), axis=0) * (1 + gamma(32, dtype)) <= 1)
+    of_b = _derivatives(_powers(_part(piece, begin, end)), m, 2)
+    there = _quotients(_along(of_b, q), rational, m)
+    over = _quotients(_direct(of_b), rational, m)
+    point = _shifted(point, -of_b.center)
+    bent = _convexity(point, over, jnp.sum(there.first.terms[0] ** 2, axis=0))
+    apart = less(point, there.point)
+    square = least(_dot(apart, apart))
+    apart = Truncated(apart.terms[:, :, None], apart.rest[:, None])
+    rest = scaled(_dot(apart, there.first), -2.0)
+    # Where the cell of b is in E; E is not so small that the subtractions lose much.
+    ends = [(x - begin) / half - 1 for x in (low, high)]
+    size, slack = jnp.sum(jnp.abs(q), axis=0) - jnp.abs(q[0]), gamma(64, dtype) * jnp.ones_like(half)
+    taken = least_of_rest(
+        rest, jnp.where(bent > 0, bent, 1.0), ends[0] - q[0] - size - slack, ends[1] - q[0] + size + slack
+    )
+    taken = jnp.sum(taken - gamma(8, dtype) * jnp.abs(taken))
+    lower = square + taken - gamma(4, dtype) * (jnp.abs(square) + jnp.abs(taken))
+    return MovingSquare(lower, jnp.all(bent > 0) & inside)
+
+
+def _feet(piece: Net, terms: Array, low: Array, high: Array, start: Array) -> Array:
+    """Coefficients (terms, parameters of b) of polynomials through about the feet of the nodes of a cell of a."""
+    values = VALUES.astype(terms.dtype)
+    places = jnp.sum(values[:, :, None] * terms[None], axis=1)
+    extent = 2 * length(jnp.sum(jnp.abs(terms[1:]), axis=0))
+    rate = jax.vmap(length)(jet(piece, start).first)
+    margin = jnp.minimum(_FARTHER * extent / jnp.where(rate > 0, rate, jnp.inf), _BEYOND)
+    low, high = jnp.maximum(low - margin, -_BEYOND), jnp.minimum(high + margin, 1 + _BEYOND)
+    middle = foot_between(piece, terms[0], jnp.clip(start, low, high), _FIRST, low, high)
+    return fitted(jax.vmap(lambda p: foot_between(piece, p, middle, _STEPS, low, high))(places))
+
+
+def _box(q: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Ends of E, with room for roundings."""
+    room = math.sqrt(float(jnp.finfo(q.dtype).eps))
+    reach = jnp.sum(jnp.abs(q[1:]), axis=0)
+    low, high = jnp.minimum(low, q[0] - reach), jnp.maximum(high, q[0] + reach)
+    room = room * (high - low) + 64 * jnp.finfo(q.dtype).eps * (1 + jnp.abs(low) + jnp.abs(high))
+    return low - room, high + room
+
+
+def _part(piece: Net, low: Array, high: Array) -> _PartWithErrors:
+    """The part of one piece between parameters that may lie beyond [0, 1], and its errors."""
+    part = part_of(piece, low, high)
+    sizes = jnp.maximum(jnp.abs(low) + jnp.abs(1 - low), jnp.abs(high) + jnp.abs(1 - high))
+    growth = jnp.prod(jnp.maximum(sizes, 1.0) ** np.array(piece.degrees[: piece.parameters])) * (1 + 1e-3)
+    error = eta(piece) * growth
+    if part.weights is None:
+        return _PartWithErrors(part, error, jnp.zeros_like(error))
+    # Off by e at most, a weight w of more than 2 e is off by e / w of itself, twice that of the true one; points by
+    # e (1 + |x|) over the true weight, and by the rounding of the division.
+    lightest = jnp.min(part.weights)
+    good, most = lightest > 4 * error, jnp.maximum(jnp.max(jnp.abs(part.points)), 1.0)
+    safe = jnp.where(good, lightest, 1.0)
+    found = 5 * error * most / safe, 2 * error / safe
+    return _PartWithErrors(part, *(jnp.where(good, x, jnp.inf) for x in found))
+
+
+def _powers(part: _PartWithErrors) -> _Powers:
+    """A part in powers of its parameters, counted from -1 to 1."""
+    points, weights = part.net
+    dtype, error = points.dtype, jnp.broadcast_to(part.error, points.shape[-1:])
+    center = 0.5 * (jnp.min(points, axis=(0, 1)) + jnp.max(points, axis=(0, 1)))
+    rows = points - center
+    if weights is not None:
+        most = jnp.max(weights)
+        rows = jnp.concatenate([rows * weights[..., None], weights[..., None]], axis=-1)
+        error = jnp.append(4 * error * most, part.relative * most)
+    sizes = jnp.abs(rows)
+    for axis in range(part.net.parameters):
+        matrix = jnp.asarray(power_conversion(rows.shape[axis] - 1), dtype)
+        rows, sizes = (_applied(x, y, axis) for x, y in ((matrix, rows), (jnp.abs(matrix), sizes)))
+    loose = gamma(2 * sum(part.net.degrees) + 12, dtype) * jnp.sum(sizes, axis=(0, 1))
+    return _Powers(rows, (error + loose) * (1 + 1e-3), center)
+
+
+def _applied(matrix: Array, rows: Array, axis: int) -> Array:
+    moved = jnp.moveaxis(rows, axis, 0)
+    return jnp.moveaxis(jnp.sum(matrix.reshape(*matrix.shape, *[1] * (rows.ndim - 1)) * moved, axis=1), 0, axis)
+
+
+def _direct(powers: _Powers) -> Truncated:
+    """Polynomials of the first two numbers, or the first one, (i, j, ...)."""
+    rows = powers.rows
+    shape, dtype = rows.shape[:2], rows.dtype
+    within = [rows[i, j] if i < shape[0] and j < shape[1] else jnp.zeros_like(rows[0, 0]) for i, j in EXPONENTS]
+    beyond = (np.sum(np.indices(shape), axis=0) > DEGREE).reshape(*shape, *[1] * (rows.ndim - 2))
+    rest = jnp.sum(jnp.abs(rows) * beyond, axis=(0, 1)) * (1 + gamma(rows.size, dtype))
+    return Truncated(jnp.stack(within), (rest + powers.error) * (1 + gamma(4, dtype)))
+
+
+def _shifted(point: Truncated, by: Array) -> Truncated:
+    """Points plus a vector."""
+    rest = point.rest + gamma(4, by.dtype) * (jnp.abs(point.terms[0]) + jnp.abs(by) + point.rest)
+    return Truncated(point.terms.at[0].add(by), rest)
+
+
+class _Moved(NamedTuple):
+    """Points (terms, 3) of b there, counted from the center of its part, and derivatives.
+
+    The first ones are (terms, 3, n); if looked for, the second ones (terms, 3, n n).
+    """
+
+    point: Truncated
+    first: Truncated
+    second: Truncated
+
+
+def _derivatives(powers: _Powers, n: int, order: int) -> _Powers:
+    """A part and its derivatives up to an order, (.., width, derivatives)."""
+    degrees = np.array(powers.rows.shape[:n]) - 1.0
+    rows, factors = [powers.rows], [np.ones(1)]
+    first = [_derivative(powers.rows, k) for k in range(n)]
+    if order > 0:
+        rows, factors = [*rows, *first], [*factors, degrees]
+    if order > 1:
+        rows, factors = (
+            [*rows, *(_derivative(x, k) for x in first for k in range(n))],
+            [*factors, np.outer(degrees, degrees).ravel()],
+        )
+    stacked = jnp.stack(rows, axis=-1)
+    error = powers.error[:, None] * np.concatenate(factors).astype(stacked.dtype)
+    return _Powers(stacked, error, powers.center)
+
+
+def _along(powers: _Powers, q: Array) -> Truncated:
+    """A part and its first derivatives at moving parameters (terms, parameters)."""
+    n = q.shape[-1]
+    rows = powers.rows[..., : 1 + n] if n == 2 else powers.rows[:, 0, :, : 1 + n]
+    found = composed(rows, Truncated(q[..., None, None], jnp.zeros((n, 1, 1), q.dtype)))
+    return Truncated(found.terms, (found.rest + powers.error[:, : 1 + n]) * (1 + gamma(4, q.dtype)))
+
+
+def _quotients(x: Truncated, rational: bool, n: int) -> _Moved:
+    """The points and derivatives of homogeneous ones: quotients where a part is rational."""
+    point, first, second = (_last(x, part) for part in (0, slice(1, 1 + n), slice(1 + n, None)))
+    if not rational:
+        return _Moved(point, first, second)
+    weight, slope, bend = (_at(y, slice(-1, None)) for y in (point, first, second))
+    point, first, second = (_at(y, slice(-1)) for y in (point, first, second))
+    inverse = reciprocal(weight)
+    point = product(point, inverse)
+    inverse, wide = (Truncated(y.terms[..., None], y.rest[..., None]) for y in (inverse, point))
+    first = product(less(first, product(wide, slope)), inverse)
+    if not second.rest.size:
+        return _Moved(point, first, second)
+    k, m = np.divmod(np.arange(n * n), n)
+    second = less(second, product(wide, bend))
+    for i, j in ((k, m), (m, k)):
+        second = less(second, product(_last(first, i), _last(slope, j)))
+    return _Moved(point, first, product(second, inverse))
+
+
+def _constant(x: Array) -> Truncated:
+    return Truncated(jnp.zeros((len(EXPONENTS), *x.shape), x.dtype).at[0].set(x), jnp.zeros_like(x))
+
+
+def _sizes(x: Truncated) -> Array:
+    """The largest absolute values on the square."""
+    return jnp.maximum(largest(x), largest(scaled(x, -1.0)))
+
+
+def _last(x: Truncated, part: Any) -> Truncated:
+    return Truncated(x.terms[..., part], x.rest[..., part])
+
+
+def _at(x: Truncated, part: slice) -> Truncated:
+    return Truncated(x.terms[:, part], x.rest[part])
+
+
+def _derivative(rows: Array, axis: int) -> Array:
+    """That in one of the numbers; of the same shape."""
+    count = rows.shape[axis]
+    factors = np.arange(1, count).reshape([-1 if k == axis else 1 for k in range(rows.ndim)])
+    found = jax.lax.slice_in_dim(rows, 1, count, axis=axis) * factors
+    return jnp.pad(found, [(0, 1 if k == axis else 0) for k in range(rows.ndim)])
+
+
+def _dot(x: Truncated, y: Truncated) -> Truncated:
+    """Scalar products along the first axis."""
+    every = product(x, y)
+    total = _at(every, slice(0, 1))
+    for k in range(1, every.rest.shape[0]):
+        total = added(total, _at(every, slice(k, k + 1)))
+    return Truncated(total.terms[:, 0], total.rest[0])
+
+
+def _convexity(on_a: Truncated, over: _Moved, squares: Array) -> Array:
+    """Numbers k that half the second derivatives of the squared distance exceed, as a diagonal; else zero."""
+    n, dtype = squares.size, squares.dtype
+    k, m = np.divmod(np.arange(n * n), n)
+    second = Truncated(over.second.terms[..., None], over.second.rest[..., None])
+    # The middle of a, what it moves by along a plane, and the rest.
+    plane = on_a.terms[:3].T[:, None]
+    parts = _dot(second, _constant(plane))
+    around = Truncated(on_a.terms.at[:3].set(0.0), on_a.rest).size * (1 + gamma(32, dtype))
+    loose = jnp.sum(around[:, None] * over.second.size, axis=0) + jnp.sum(_sizes(parts)[:, 1:], axis=-1)
+    loose = loose * (1 + gamma(64, dtype))
+    h = added(
+        _dot(_last(over.first, k), _last(over.first, m)),
+        less(_dot(Truncated(over.point.terms[..., None], over.point.rest[..., None]), over.second), _last(parts, 0)),
+    )
+    ranges = between(-largest(scaled(h, -1.0)) - loose, largest(h) + loose)
+    h = Ball(*(x.reshape(n, n) for x in ranges))
+    free = jnp.zeros(squares.shape, bool)
+
+    def proven(bent: Array) -> Array:
+        less = jnp.diag(bent)
+        return semidefinite(plus(h, Ball(-less, jnp.zeros_like(less))), free)
+
+    trials = jnp.asarray(_MODULI, dtype)[:, None] * squares
+    found = jax.vmap(proven)(trials)
+    return jnp.where(jnp.any(found), trials[jnp.argmax(found)], 0.0)

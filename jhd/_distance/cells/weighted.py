@@ -1,0 +1,179 @@
+"""Means, shares and quantiles of values that are known within bounds, with weights that are known within bounds.
+
+Of a mean sum w_i x_i / sum w_i with w_i in [a_i, b_i] the least value is attained with w_i = b_i where x_i is below
+some level and a_i above it; all levels are tried, in the order of the values. Shares and quantiles are such means of
+zeros and ones, or of the shares of cells in which a value is at most a level, where affine functions bound it.
+
+Rounding: sums of n positive terms err by gamma(n) relative to themselves, one after the other or not. Weights that are
+known exactly, as those of points are, have exact sums and quantiles, in whole numbers.
+"""
+
+from bisect import bisect_left
+from collections.abc import Callable
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jhd._arithmetic.rounding import gamma
+from jhd._distance.cells.affine import shares_below
+
+# What the share of a quantile may be off by as a float.
+_ROUNDED = Fraction(1, 2**50)
+# Halvings that look for the level of a quantile between those of whole cells.
+_HALVINGS = 24
+
+
+class Weights(NamedTuple):
+    """Lower and upper bounds of weights, neither negative; some upper one is positive."""
+
+    lower: Float[np.ndarray, " cells"]
+    upper: Float[np.ndarray, " cells"]
+
+
+def mean_bounds(weights: Weights, lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
+    """Bounds of the mean of values between bounds that are not negative."""
+    room = gamma(2 * len(lower) + 16, np.float64)
+    least = _least_mean(weights, lower)
+    if not np.all(np.isfinite(upper[weights.upper > 0])):
+        return least * (1 - room), np.inf
+    # The largest mean of x is what the least mean of top - x leaves.
+    top = float(np.max(upper))
+    most = top - _least_mean(weights, top - upper)
+    return least * (1 - room), min(most + room * top, top)
+
+
+def _least_mean(weights: Weights, values: np.ndarray) -> float:
+    order = np.argsort(values)
+    x, a, b = values[order], weights.lower[order], weights.upper[order]
+    below = np.cumsum(b), np.cumsum(b * x)
+    above = [np.append(np.cumsum(y[::-1])[::-1][1:], 0.0) for y in (a, a * x)]
+    total = below[0] + above[0]
+    known = total > 0
+    return float(np.min((below[1] + above[1])[known] / total[known]))
+
+
+class Values(NamedTuple):
+    """Bounds of values over cells.
+
+    Args:
+        lower: everywhere.
+        upper: likewise.
+        ends: by the values at the corners of two affine functions.
+    """
+
+    lower: Float[np.ndarray, " cells"]
+    upper: Float[np.ndarray, " cells"]
+    ends: Float[np.ndarray, "cells corners 2"]
+
+    def take(self, rows: np.ndarray) -> "Values":
+        """Those of some of the cells."""
+        return Values(*(x[rows] for x in self))
+
+    def within(self, level: float) -> tuple[np.ndarray, np.ndarray]:
+        """The least and the largest share of each cell in which values may be at most a level."""
+        surely, maybe = (shares_below(self.ends[..., k], level)[1 - k] for k in (1, 0))
+        return np.where(self.upper <= level, 1.0, surely), np.where(self.lower <= level, maybe, 0.0)
+
+
+def share_bounds(weights: Weights, surely: np.ndarray, maybe: np.ndarray) -> tuple[float, float]:
+    """Bounds of the share of the weight where something holds: where it surely does, and where it may, by cells."""
+    room = gamma(len(surely) + 16, np.float64)
+    rest = 1.0 - _share(weights, 1.0 - maybe) * (1 - room)
+    # The difference rounds as a number of about one does.
+    return _share(weights, surely) * (1 - room), min(rest + room, 1.0)
+
+
+def _share(weights: Weights, where: np.ndarray) -> float:
+    """The least share that some of the weight can have."""
+    inside, outside = np.sum(weights.lower * where), np.sum(weights.upper * (1.0 - where))
+    return float(inside / (inside + outside)) if inside > 0 else 0.0
+
+
+def quantile_bounds(weights: Weights, values: Values, q: float) -> tuple[float, float]:
+    """Bounds of the least value that a share q of the weight does not exceed, of values between bounds.
+
+    The share is as good as reached within its own rounding: nine of ten points are a share of 0.9.
+    """
+    low, high = _of_cells(weights, values.lower, values.upper, q)
+    # The share, a product with it and a sum are rounded too.
+    q = q * (1 - float(_ROUNDED))
+    open_ = (values.upper > low) & (values.lower < high)
+    affine = np.max(values.ends, axis=1) > np.min(values.ends, axis=1)
+    if not (np.isfinite(high) and np.any(affine[open_])):
+        return low, high
+    # All others are below the levels between, or above.
+    room = gamma(len(open_) + 16, np.float64)
+    rest = [
+        (np.sum(weights.lower[rows]) * (1 - room), np.sum(weights.upper[rows]) * (1 + room))
+        for rows in (values.upper <= low, ~open_ & (values.upper > low))
+    ]
+    some = Weights(*(np.append(x[open_], y) for x, y in zip(weights, np.transpose(rest), strict=True)))
+    held = values.take(open_)
+
+    def reached(level: float) -> tuple[bool, bool]:
+        """Whether a level is surely, and maybe, not exceeded by as much."""
+        shares = share_bounds(some, *(np.append(x, (1.0, 0.0)) for x in held.within(level)))
+        return shares[0] >= q, shares[1] >= q
+
+    most = _switch(low, high, lambda level: reached(level)[0])[1]
+    return _switch(low, most, lambda level: reached(level)[1])[0], most
+
+
+def _switch(low: float, high: float, holds: Callable[[float], bool]) -> tuple[float, float]:
+    """Two numbers close to each other, from two others: the lower one if something holds below it."""
+    for _ in range(_HALVINGS):
+        level = 0.5 * low + 0.5 * high
+        if not low < level < high:
+            break
+        low, high = (low, level) if holds(level) else (level, high)
+    return low, high
+
+
+def _of_cells(weights: Weights, lower: np.ndarray, upper: np.ndarray, q: float) -> tuple[float, float]:
+    """The bounds of a quantile by the bounds of whole cells alone."""
+    a, b = weights
+    if np.all(a == b):
+        least, most = (np.sort(x)[first_reaching(b[np.argsort(x)], q)] for x in (lower, upper))
+        return float(least), float(most)
+    # The share, a product with it and a sum are rounded too.
+    q, room = q * (1 - float(_ROUNDED)), gamma(len(lower) + 16, np.float64)
+    order = np.argsort(lower)
+    a, b = weights.lower[order], weights.upper[order]
+    inside, outside = np.cumsum(b), np.append(np.cumsum(a[::-1])[::-1][1:], 0.0)
+    # The largest share with values up to each lower bound.
+    enough = inside * (1 + room) >= q * (inside + outside)
+    low = float(lower[order][np.argmax(enough)]) if np.any(enough) else float(np.max(lower))
+    order = np.argsort(upper)
+    a, b = weights.lower[order], weights.upper[order]
+    inside, outside = np.cumsum(a), np.append(np.cumsum(b[::-1])[::-1][1:], 0.0)
+    enough = inside * (1 - room) >= q * (inside + outside)
+    high = float(upper[order][np.argmax(enough)]) if np.any(enough) else float(np.max(upper))
+    return low, high
+
+
+def first_reaching(weights: np.ndarray, q: float) -> int:
+    """The first of points, in the order of their values, up to which a share q of their weights lies; exact.
+
+    Args:
+        weights: exact, not negative, some positive.
+        q: the share, which counts as reached within its own rounding.
+    """
+    inside = np.cumsum(_multiples(weights)[0])
+    wanted = Fraction(float(q)) * (1 - _ROUNDED) * inside[-1]
+    return bisect_left(inside.tolist(), -(-wanted.numerator // wanted.denominator))
+
+
+def exact_sum(weights: np.ndarray) -> Fraction:
+    """The sum of finite weights."""
+    whole, power = _multiples(weights)
+    return np.sum(whole) * Fraction(2) ** power
+
+
+def _multiples(weights: np.ndarray) -> tuple[np.ndarray, int]:
+    """Weights as whole numbers of any length times a power of two."""
+    mantissa, power = np.frexp(np.asarray(weights, np.float64))
+    power = np.where(mantissa != 0, power, np.max(power))
+    whole = np.ldexp(mantissa, 53).astype(np.int64).astype(object)
+    return whole << (power - np.min(power)).astype(object), int(np.min(power)) - 53

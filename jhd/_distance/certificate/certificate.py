@@ -1,0 +1,260 @@
+"""Certificates: bounds of a distance together with their proof, which anyone can check later.
+
+`certify` makes a certificate from the shapes and a solution, on the host, independently of the search. Cells cover the
+shapes (see jhd._distance.certificate.subdivision, and surface_cover for pairs with an implicit surface), and one point
+proves the lower bound. The certificate is checked exactly while it is made. `Certificate.verify` checks everything
+again, with jhd._distance.certificate.verification alone.
+"""
+
+import gzip
+import itertools
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jhd._distance.certificate.mixes import Report, asked_of, default_atol, prove_largest, prove_minimum
+from jhd._distance.certificate.sides import plain_shape
+from jhd._distance.certificate.verification.proofs import NAMES, Proven
+from jhd._distance.certificate.verification.proofs import verify as checked
+from jhd._distance.certificate.verification.reading import lines_of
+from jhd._distance.certificate.verification.structure import FORMAT, VERSION, check_content, digest
+from jhd._distance.certificate.verification.surface_structure import LARGEST, LARGEST_IN_ALL
+from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution
+from jhd._runtime.arrays import is_traced
+from jhd._runtime.decimals import lower_text, upper_text
+from jhd._runtime.files import replace_file
+from jhd._shapes.as_shape import taken_as
+from jhd._shapes.checks import check_same_dim
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.patch import AbstractPatch
+from jhd.progress import Callback, Progress
+
+_KINDS = (
+    "points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a "
+    "TriangleMesh"
+)
+_Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
+
+
+@dataclass(frozen=True, repr=False)
+class Certificate:
+    """A claim lower <= distance <= upper about two shapes, with its proof.
+
+    Args:
+        content: the JSON object: `format`, `version`, the arrays `a` and `b`, the `claim`, `cells` and the `witness`.
+
+    Raises:
+        CertificateError: the content has another structure. `verify` checks whether it proves its claim.
+    """
+
+    content: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        check_content(self.content)
+
+    @property
+    def lower(self) -> float:
+        """The claimed lower bound."""
+        return float(self.content["claim"]["lower"])
+
+    @property
+    def upper(self) -> float:
+        """The claimed upper bound; inf if none is claimed."""
+        upper = self.content["claim"]["upper"]
+        return math.inf if upper is None else float(upper)
+
+    @property
+    def directed(self) -> bool:
+        """Whether the claim is about the distance from `a` to `b` only."""
+        return self.content["claim"]["kind"] == "directed"
+
+    @property
+    def cells(self) -> int:
+        """Number of cells that prove the upper bound; for a minimum distance, of pairs that prove the lower bound."""
+        return sum(map(len, (self.content["cells"] or {}).values()))
+
+    def __repr__(self) -> str:
+        name = NAMES[self.content["claim"]["kind"]]
+        return f"Certificate({lower_text(self.lower)} <= {name} <= {upper_text(self.upper)}, {self.cells} cells)"
+
+    def verify(self, max_seconds: float | None = None, progress: Callback | None = None) -> Proven:
+        """Checks the whole proof in exact arithmetic, without any result of the search.
+
+        Args:
+            max_seconds: time limit in seconds; by default none.
+            progress: a function that is called with a Progress, whose stage names the next part of the certificate.
+
+        Returns:
+            A Proven: the bounds that are proven.
+
+        Raises:
+            CertificateError: a part of the claim is not proven, or the check takes too long. The message names the
+                part.
+        """
+        return verify(self.content, max_seconds, progress)
+
+    def matches(self, a: Any, b: Any) -> bool:
+        """Whether the claim is about these shapes: their stored arrays must be identical to the last bit.
+
+        Args:
+            a: the first shape, or an object that `jhd.as_shape` accepts.
+            b: the second shape, or an object that `jhd.as_shape` accepts.
+
+        Returns:
+            True if both shapes match.
+        """
+        shapes = (plain_shape(taken_as(name, shape)) for name, shape in (("a", a), ("b", b)))
+        return all(digest(self.content[name]) == shape["sha256"] for name, shape in zip("ab", shapes, strict=True))
+
+    def to_json(self) -> str:
+        """The certificate as JSON text, with one line for each cell; floats are read back unchanged."""
+        return "".join(lines_of(self.content))
+
+    def save(self, file: str | Path) -> None:
+        """Writes the certificate to a file, completely or not at all; compressed if the name ends in .gz.
+
+        Args:
+            file: the path of the file, which is replaced if it exists.
+        """
+        text = self.to_json()
+        replace_file(file, gzip.compress(text.encode(), mtime=0) if str(file).endswith(".gz") else text)
+
+
+def verify(content: Any, max_seconds: float | None = None, progress: Callback | None = None) -> Proven:
+    """Checks a certificate completely in exact arithmetic, and returns the bounds that it proves.
+
+    >>> import jhd
+    >>> a, b = jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 0)])
+    >>> proven = jhd.verify(jhd.certify(a, b, jhd.directed_hausdorff(a, b)))
+    >>> proven.kind, bool(proven.lower <= 4 <= proven.upper)
+    ('directed', True)
+
+    Args:
+        content: a Certificate, or the content of a certificate file as `opened` reads it. Its lists of cells may be any
+            iterables.
+        max_seconds: time limit in seconds; by default none. The check ends before the first cell if the number of cells
+            and the degrees show that it would take longer.
+        progress: a function that is called with a Progress, whose stage names the next part of the certificate.
+
+    Returns:
+        A Proven: the kind of distance, and its proven bounds.
+
+    Raises:
+        CertificateError: something is missing, invalid or not proven, or the check takes too long. The message names
+            it.
+    """
+    done = itertools.count()
+    told = None if progress is None else lambda place: progress(Progress(place, next(done)))
+    return checked(content, max_seconds, told)
+
+
+def certify(
+    a: Any,
+    b: Any,
+    solution: HausdorffSolution | MinimumSolution | Decision,
+    *,
+    directed: bool = False,
+    slack: float | None = None,
+    max_cells: int = 100_000,
+    progress: Callback | None = None,
+) -> Certificate:
+    """A certificate of the bounds of a solution, which can be saved and checked independently.
+
+    An upper bound of inf is not claimed, and a lower bound of 0 needs no proof. The certified bounds may be slightly
+    wider than the bounds of the solution (see `slack`); the certificate states them. Shapes that coincide up to
+    rounding need very many cells: choose a larger `slack`.
+
+    >>> import jhd
+    >>> a, b = jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 0)])
+    >>> certificate = jhd.certify(a, b, jhd.directed_hausdorff(a, b))
+    >>> proven = certificate.verify()
+    >>> bool(proven.lower <= 4 <= proven.upper), certificate.matches(a, b)
+    (True, True)
+
+    Args:
+        a: the first shape, as it was passed to the distance: points, a curve, a parametric or implicit surface, or a
+            mesh.
+        b: the second shape, as it was passed to the distance.
+        solution: one result (not a batch) of directed_hausdorff, hausdorff, hausdorff_at_most, minimum_distance or
+            minimum_at_most for these shapes. For a decision, the bound that gives the answer is certified; for an
+            undecided one, both bounds are.
+        directed: for a decision about the two-sided distance: whether to certify the distance from `a` to `b` only; by
+            default False.
+        slack: how much wider the certified bounds may be than the bounds of the solution, in the unit of the
+            coordinates. By default 0 for decisions and for Hausdorff distances of two curves, otherwise 1e-9 of the
+            diagonal of the joint bounding box.
+        max_cells: largest number of cells in one direction, or of pairs of parts. A smooth piece needs a few, or more
+            if `b` is not smooth.
+        progress: a function that is called with a Progress from time to time; its items are cells.
+
+    Returns:
+        A Certificate, whose bounds have all been checked in exact arithmetic.
+
+    Raises:
+        TypeError: a shape or solution of another kind, a traced object or a batch.
+        ValueError: the dimensions differ, a polynomial has too high a degree, `slack` is negative, `max_cells` is not a
+            positive whole number, or `directed` is True for a minimum distance.
+        NotProvenError: a bound of the solution could not be certified for these shapes, or needs more cells. For
+            implicit surfaces: a bound rests on points without a change of sign, which prove nothing.
+    """
+    a, b = taken_as("a", a), taken_as("b", b)
+    _check_arguments(a, b, solution, max_cells)
+    report = _reporting(progress)
+    if isinstance(solution, MinimumSolution) or (isinstance(solution, Decision) and solution.distance == "minimum"):
+        if directed:
+            raise ValueError("directed is True, but a minimum distance has no direction: leave directed out.")
+        slack = _checked_slack(slack, a, b, sharp=isinstance(solution, Decision))
+        found = prove_minimum(a, b, solution, slack, max_cells, report)
+    else:
+        curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
+        slack = _checked_slack(slack, a, b, sharp=curves or isinstance(solution, Decision))
+        asked = asked_of(solution, directed, slack)
+        cells, witness = prove_largest(a, b, asked, max_cells, report)
+        upper = asked.upper if math.isfinite(asked.upper) else None
+        claim = {"kind": asked.kind, "lower": asked.lower, "upper": upper}
+        found = {"claim": claim, "orders": None, "cells": cells, "witness": witness}
+    return Certificate({"format": FORMAT, "version": VERSION, "a": plain_shape(a), "b": plain_shape(b), **found})
+
+
+def _check_arguments(a: object, b: object, solution: object, max_cells: object) -> None:
+    for name, shape in (("a", a), ("b", b)):
+        if not isinstance(shape, _Shape):
+            raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")
+    if not isinstance(solution, HausdorffSolution | MinimumSolution | Decision):
+        accepted = "a HausdorffSolution, a MinimumSolution or a Decision"
+        raise TypeError(f"solution must be {accepted}; got {type(solution).__name__}.")
+    if is_traced(a, b, solution) or np.ndim(solution.lower) > 0:
+        raise TypeError("certify needs concrete shapes and one concrete solution; index a batch first.")
+    if not isinstance(max_cells, int) or isinstance(max_cells, bool) or max_cells < 1:
+        raise ValueError(f"max_cells is {max_cells!r}; needs a positive whole number.")
+    for name, shape in (("a", a), ("b", b)):
+        if isinstance(shape, ImplicitSurface):
+            _check_degrees(name, shape)
+    check_same_dim(*(shape.dim for shape in (a, b) if isinstance(shape, _Shape)))
+
+
+def _check_degrees(name: str, surface: ImplicitSurface) -> None:
+    if max(surface.degrees) > LARGEST or surface.degree > LARGEST_IN_ALL:
+        most = f"{LARGEST} in each variable and {LARGEST_IN_ALL} in all"
+        raise ValueError(f"{name} has degrees {surface.degrees}; certificates go up to {most}.")
+
+
+def _checked_slack(slack: object, a: Any, b: Any, sharp: bool) -> float:
+    if slack is None:
+        return 0.0 if sharp else default_atol(a, b)
+    if isinstance(slack, bool) or not isinstance(slack, int | float | np.number) or not 0 <= float(slack) < math.inf:
+        raise ValueError(f"slack is {slack!r}; needs one number of at least 0.")
+    return float(slack)
+
+
+def _reporting(progress: Callback | None) -> Report:
+    def report(direction: str, proven: int, left: int) -> None:
+        if progress is not None:
+            progress(Progress(direction, proven, proven + left))
+
+    return report

@@ -1,0 +1,281 @@
+"""The proofs that two shapes are apart: pairs of parts, each with a proof of its own.
+
+The pieces are put into an order in which halves of ranges are neighbors. Each pair of parts is proven by the first of
+these that applies, and is cut otherwise:
+
+- One part is a tetrahedron of the box of an implicit surface that is free of zeros.
+- A plane keeps the parts apart. Its normal is that of the solution, or the shortest vector between the hulls of control
+  points, as Gilbert's steps find it.
+- With the polynomials f_a and f_b of implicit surfaces, and multipliers m and n that are affine on the parts,
+
+      |x - y|^2 - bound^2 + m f_a(x) + n f_b(y) >= 0
+
+  for all points x of the one part and y of the other (see pair_multipliers).
+
+Every proof is checked exactly.
+
+Source: Gilbert, An iterative procedure for computing the minimum of a quadratic form on a convex set (1966).
+"""
+
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from jhd._distance.certificate.pair_multipliers import pair_multipliers
+from jhd._distance.certificate.sides import ShapeSide
+from jhd._distance.certificate.subdivision import UncoveredError
+from jhd._distance.certificate.surface_side import SurfaceSide
+from jhd._distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, whole_box
+from jhd._distance.certificate.verification.pieces import ExactPiece
+from jhd._distance.certificate.verification.surface_proofs import failure_of_pair
+from jhd._distance.certificate.verification.zeros import is_free
+
+# Points that tell how long a part is.
+_SAMPLES = 5
+# Steps towards the shortest vector between two hulls.
+_STEPS = 24
+# Cuts of one piece in a row, after which the bound is given up: floats hold no more.
+_MOST_CUTS = 50
+# A plane that falls short by this share of the size in floating point is not worth an exact check.
+_SURELY = 1e-14
+# Parts into which the exact check of a polynomial may cut a pair here.
+_PARTS = 200
+# How much longer a range of pieces counts next to an implicit surface: multipliers are for single pieces.
+_RANGES_FIRST = 8.0
+# Pairs between two reports.
+_REPORTED = 100
+
+
+class PointSide(NamedTuple):
+    """A single point in the unit of its coordinates: in integers, and as a hull (1, 1, dim)."""
+
+    exact: list[ExactPiece]
+    hulls: np.ndarray
+    exponent: int = 0
+
+    def scaled(self, points: np.ndarray) -> np.ndarray:
+        """Points as they are."""
+        return points
+
+
+class _SideParts:
+    """The parts of one shape.
+
+    Args:
+        side: the shape.
+        is_ordered: whether the pieces may be put into another order.
+    """
+
+    def __init__(self, side: ShapeSide | SurfaceSide | PointSide, is_ordered: bool):
+        self.side, self._hulls = side, side.hulls
+        self.order = first_order(self._hulls.mean(axis=1)) if is_ordered and len(self._hulls) > 1 else None
+        if self.order is not None:
+            self._hulls = self._hulls[self.order]
+        self.exact = Ordered(side.exact, self.order)
+
+    @property
+    def surface(self) -> SurfaceSide | None:
+        """The implicit surface, if the shape is one."""
+        return self.side if isinstance(self.side, SurfaceSide) else None
+
+    def points(self, part: PartOfShape) -> np.ndarray:
+        """Control points whose hull holds the part."""
+        if part.box is None:
+            return self._hulls[part.first : part.last].reshape(-1, self._hulls.shape[-1])
+        return self.side.scaled(np.array([[x / w for x in row] for row, w in self.exact.points(part)]))
+
+    def extent(self, part: PartOfShape) -> float:
+        """The diagonal of the box of the control points."""
+        return float(np.linalg.norm(np.ptp(self.points(part), axis=0)))
+
+    def length(self, part: PartOfShape, letter: str) -> float:
+        """How long the part is in the direction of a cut."""
+        if letter == "x":
+            return self.extent(part)
+        corners, k = self.exact.pieces[part.first].corners, (ord(letter) - ord("a")) // 2
+        if corners == (4,):
+            return self.extent(part)
+        box = part.box or whole_box(corners)
+        if corners == (3,):
+            i, j = ((0, 1), (0, 2), (1, 2))[k]
+            ends = np.array(box[0]).reshape(3, 2)
+            x = np.stack([ends[i], ends[j]])
+        else:
+            # Along the middle of the box.
+            x = np.tile(np.mean(box, axis=1), (_SAMPLES, 1))
+            x[:, k] = np.linspace(box[k][0], box[k][1], _SAMPLES)
+        piece = part.first if self.order is None else self.order[part.first]
+        points = cast(ShapeSide, self.side).points(np.full(len(x), piece), x)
+        return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=-1)))
+
+
+def first_order(middles: np.ndarray) -> list[int]:
+    """The pieces by halves of halves, each cut across the longest side of its box."""
+
+    def sorted_rows(rows: np.ndarray) -> Iterator[int]:
+        if len(rows) == 1:
+            yield int(rows[0])
+            return
+        x = middles[rows]
+        rows = rows[np.argsort(x[:, np.argmax(np.ptp(x, axis=0))], kind="stable")]
+        yield from sorted_rows(rows[: len(rows) // 2])
+        yield from sorted_rows(rows[len(rows) // 2 :])
+
+    return list(sorted_rows(np.arange(len(middles))))
+
+
+class _PartPair(NamedTuple):
+    """A part of each shape, and the bound in the unit of the stored arrays."""
+
+    name: str
+    shapes: tuple[_SideParts, _SideParts]
+    parts: tuple[PartOfShape, PartOfShape]
+    bound: float | Fraction
+
+    @property
+    def surfaces(self) -> tuple[SurfaceSide | None, SurfaceSide | None]:
+        """The implicit surfaces among both shapes."""
+        return self.shapes[0].surface, self.shapes[1].surface
+
+    def with_part(self, k: int, letter: str) -> "_PartPair | None":
+        """The pair with a half in place of the part of a or b; None if the part cannot be cut so."""
+        half = self.shapes[k].exact.half(self.parts[k], letter)
+        if half is None:
+            return None
+        parts = (half, self.parts[1]) if k == 0 else (self.parts[0], half)
+        return self._replace(name=self.name + (letter.upper() if k else letter), parts=parts)
+
+
+def keep_apart(
+    a: ShapeSide | SurfaceSide | PointSide,
+    b: ShapeSide | SurfaceSide | PointSide,
+    bound: float | Fraction,
+    max_cells: int,
+    report: Callable[[int, int], None],
+    direction: np.ndarray | None = None,
+    is_ordered: bool = True,
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Prove that all pairs of parts of two shapes are `bound` apart; return the orders of the pieces, and the proofs.
+
+    Args:
+        a: one shape.
+        b: the other one, with the same exponent.
+        bound: the bound to prove, above zero, in the unit of the stored arrays.
+        max_cells: most pairs, before it is given up.
+        report: called with the numbers of proven and of open pairs now and then.
+        direction: about the shortest vector from a to b, if it is known.
+        is_ordered: whether the pieces may be put into another order.
+
+    Raises:
+        UncoveredError: too many or too narrow parts would be needed.
+    """
+    shapes = _SideParts(a, is_ordered), _SideParts(b, is_ordered)
+    entries: list[dict[str, Any]] = []
+    left = [_PartPair("", shapes, (shapes[0].exact.whole(), shapes[1].exact.whole()), bound)]
+    while left:
+        pair = left.pop()
+        found = _by_freedom(pair) or _by_plane(pair, direction) or _by_zeros(pair)
+        if found is None:
+            left += _halves(pair)
+        else:
+            entries.append({"pair": pair.name, **found})
+        if len(entries) + len(left) > max_cells:
+            raise UncoveredError(f"more than {max_cells} pairs are needed: raise max_cells, or atol.")
+        if len(entries) % _REPORTED == 0:
+            report(len(entries), len(left))
+    report(len(entries), 0)
+    return {"a": shapes[0].order, "b": shapes[1].order}, entries
+
+
+# ---- proofs --------------------------------------------------------------------------------------
+
+
+def _by_freedom(pair: _PartPair) -> dict[str, Any] | None:
+    for k, (shape, part) in enumerate(zip(pair.shapes, pair.parts, strict=True)):
+        if shape.surface is None or part.last - part.first > 1:
+            continue
+        points = shape.points(part)
+        values = shape.surface.values(np.concatenate([points, 0.5 * (points[:, None] + points).reshape(-1, 3)]))
+        if np.min(values) * np.max(values) > 0 and is_free(shape.surface.zeros, shape.exact.part(part)):
+            return {"free": k}
+    return None
+
+
+def _by_plane(pair: _PartPair, direction: np.ndarray | None) -> dict[str, Any] | None:
+    p, q = (shape.points(part) for shape, part in zip(pair.shapes, pair.parts, strict=True))
+    limit = float(np.ldexp(float(pair.bound), -pair.shapes[0].side.exponent))
+    for normal in (between(p, q),) if direction is None else (direction, between(p, q)):
+        length = float(np.linalg.norm(normal))
+        if length > 0:
+            unit = normal / length
+            if np.min(q @ unit) - np.max(p @ unit) >= limit * (1 - _SURELY) - _SURELY:
+                mine, other = (shape.exact.points(part) for shape, part in zip(pair.shapes, pair.parts, strict=True))
+                failed = failure_of_plane(mine, other, unit.tolist(), pair.bound)
+                if failed is None:
+                    return {"plane": unit.tolist()}
+    return None
+
+
+def between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The shortest vector from one hull to the other, about."""
+    v = q.mean(axis=0) - p.mean(axis=0)
+    for _ in range(_STEPS):
+        support = q[np.argmin(q @ v)] - p[np.argmax(p @ v)]
+        step = v - support
+        size = float(step @ step)
+        share = float(step @ v) / size if size > 0 else 0.0
+        if share <= 0:
+            break
+        v = v - min(share, 1.0) * step
+    return v
+
+
+def _by_zeros(pair: _PartPair) -> dict[str, Any] | None:
+    surfaces = pair.surfaces
+    if surfaces == (None, None) or any(part.last - part.first > 1 for part in pair.parts):
+        return None
+    parts = pair.shapes[0].exact.part(pair.parts[0]), pair.shapes[1].exact.part(pair.parts[1])
+    numbers = pair_multipliers(parts, surfaces, float(pair.bound))
+    if numbers is None:
+        return None
+    zeros = tuple(None if surface is None else surface.zeros for surface in surfaces)
+    failed = failure_of_pair(parts, (zeros[0], zeros[1]), numbers, pair.bound, _PARTS)
+    return {"zeros": numbers} if failed is None else None
+
+
+# ---- cuts ----------------------------------------------------------------------------------------
+
+
+def _halves(pair: _PartPair) -> list[_PartPair]:
+    """Both halves of a pair of which one part is cut, the first half last.
+
+    Raises:
+        UncoveredError: neither part can be cut.
+    """
+    ways = []
+    for k, (shape, part) in enumerate(zip(pair.shapes, pair.parts, strict=True)):
+        used = sum(1 for x in pair.name if x.isupper() == (k > 0) and x.lower() not in "xy")
+        ways += [(k, letter) for letter in (_letters(shape.exact, part) if used < _MOST_CUTS else [])]
+    if not ways:
+        raise UncoveredError(f"the pair {pair.name!r} is not proven to be apart.")
+    first = 1.0 if pair.surfaces == (None, None) else _RANGES_FIRST
+
+    def length(way: tuple[int, str]) -> float:
+        return pair.shapes[way[0]].length(pair.parts[way[0]], way[1]) * (first if way[1] == "x" else 1.0)
+
+    k, letter = max(ways, key=length)
+    found = (pair.with_part(k, x) for x in (chr(ord(letter) + 1), letter))
+    return [half for half in found if half is not None]
+
+
+def _letters(exact: Ordered, part: PartOfShape) -> list[str]:
+    """The first letters of all the ways to cut a part."""
+    if part.last - part.first > 1:
+        return ["x"]
+    corners = exact.pieces[part.first].corners
+    if corners == (3,):
+        return ["a", "c", "e"]
+    # A tetrahedron is always cut at its newest corner.
+    return ["a"] if corners == (4,) else ["a", "c"][: len(corners)]

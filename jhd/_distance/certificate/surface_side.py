@@ -1,0 +1,313 @@
+"""A polynomial surface on the host: points of it, feet of points on it, and its pieces in integers.
+
+Points of it are found where the polynomial changes its sign along the lines of a grid, those in the faces of the box
+among them. A foot is followed by Newton's method for the equations of Lagrange, along the faces of the box that it has
+reached. Nothing is proven here but by the search, which is asked where a place seems to be too far away.
+"""
+
+import math
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from jhd._distance.certificate.sides import ShapePlace, plain_shape
+from jhd._distance.certificate.verification.pieces import pieces_of
+from jhd._distance.certificate.verification.values import CertificateError
+from jhd._distance.certificate.verification.zeros import ZeroSet, place_of, zeros_of
+from jhd._distance.search.targets import target_of
+from jhd._shapes.implicit import ImplicitSurface
+
+# Nodes of the grid along each axis, and halvings of its edges.
+_NODES, _HALVINGS = 17, 48
+# Steps towards a foot, and points of the surface from which it is looked for.
+_STEPS, _STARTS = 12, 3
+# Coordinates below this share of the size are zero.
+_TINY = 2.0**-70
+# Lengths of ways across the surface that are tried, as shares of the size of its box.
+_WAYS = (0.0, *(2.0**k for k in range(-52, -24, 3)))
+# Points this near to a face of the box, as a share of its size, are looked for on it.
+_AT_FACE = 2.0**-44
+# A foot that is found again within this share of the box is the same.
+_ALIKE = 1e-7
+
+
+class SurfaceFoot(NamedTuple):
+    """A foot on a surface, which of its coordinates stay on a face of the box, and how it moves with the point."""
+
+    point: np.ndarray
+    held: np.ndarray
+    moves: np.ndarray
+    distance: float
+
+
+class SurfaceSide:
+    """A polynomial surface of a pair, in the unit of its coordinates.
+
+    Args:
+        surface: the surface.
+        hints: points that are on it or near, as the search has found them.
+    """
+
+    def __init__(self, surface: ImplicitSurface, hints: np.ndarray):
+        plain = plain_shape(surface)
+        self.exact, self.zeros = pieces_of(plain), cast(ZeroSet, zeros_of(plain))
+        self.corners, self.parameters, self.cell_corners, self.exponent = (4,), 3, 4, 0
+        self.lower, self.upper = (np.asarray(plain[end], float) for end in ("lower", "upper"))
+        self.size = float(np.linalg.norm(self.upper - self.lower))
+        rows = np.asarray(plain["coefficients"], float)
+        # Values in floating point are those of the polynomial times this.
+        self.scale = 1 / float(np.max(np.abs(rows)))
+        self._rows = rows * self.scale
+        self._slopes = [_derivative(self._rows, i) for i in range(3)]
+        # Values, first and second derivatives of the powers of a coordinate are these times powers.
+        self._powers = [_falling(n) for n in self._rows.shape]
+        self._ends = np.array([[[float(x) for x in row] for row in piece.rows] for piece in self.exact])
+        self._ends /= np.array([float(piece.weight[0]) for piece in self.exact])[:, None, None]
+        self.hulls = np.swapaxes(self._ends, 1, 2)
+        self._shape = surface
+        self._samples = np.concatenate([self._on_grid(), self._on_surface(hints)])
+
+    def values(self, points: np.ndarray) -> np.ndarray:
+        """Values of the polynomial over its largest coefficient at points (..., 3)."""
+        x, y, z = np.moveaxis(points, -1, 0)
+        return np.asarray(polynomial.polyval3d(x, y, z, self._rows))
+
+    def slopes(self, points: np.ndarray) -> np.ndarray:
+        """Gradients of it."""
+        x, y, z = np.moveaxis(points, -1, 0)
+        return np.stack([polynomial.polyval3d(x, y, z, row) + 0 * x for row in self._slopes], axis=-1)
+
+    def jet(self, q: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Value, gradient and Hessian at one place."""
+        found = self._rows
+        for x, (exponents, factors) in zip(q, self._powers, strict=True):
+            powers = factors * x**exponents
+            found = np.tensordot(found, powers, (0, 1))
+        slope = np.array([found[1, 0, 0], found[0, 1, 0], found[0, 0, 1]])
+        bend = np.empty((3, 3))
+        bend[0, 0], bend[1, 1], bend[2, 2] = found[2, 0, 0], found[0, 2, 0], found[0, 0, 2]
+        bend[0, 1] = bend[1, 0] = found[1, 1, 0]
+        bend[0, 2] = bend[2, 0] = found[1, 0, 1]
+        bend[1, 2] = bend[2, 1] = found[0, 1, 1]
+        return float(found[0, 0, 0]), slope, bend
+
+    def points(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The points of places of the box."""
+        shares = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
+        return np.einsum("ndk,nk->nd", self._ends[piece], shares)
+
+    def shares_on(self, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
+        """Shares of corners of a tetrahedron at which the surface is, near given ones and on the same sides.
+
+        Args:
+            corners: (4, 3).
+            shares: (places, 4), none negative.
+        """
+        u = shares
+        for _ in range(_STEPS):
+            points = u @ corners
+            slopes = self.slopes(points) @ corners.T
+            along = u * (slopes - np.sum(u * slopes, axis=1, keepdims=True))
+            rise = np.sum(slopes * along, axis=1)
+            u = u - (self.values(points) / np.where(rise != 0, rise, 1.0))[:, None] * along
+        points = u @ corners
+        good = np.abs(self.values(points)) <= 1e-12 * np.sum(np.abs(self.slopes(points)), axis=-1) * self.size
+        return u[good & np.all(u >= 0, axis=1)]
+
+    def inside(self, corners: np.ndarray) -> np.ndarray:
+        """The shares of the corners of a tetrahedron of some samples of the surface in it."""
+        x = np.linalg.solve((corners[1:] - corners[0]).T, (self._samples - corners[0]).T).T
+        shares = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
+        return shares[np.all(shares >= 0, axis=1)][:20]
+
+    def near(self, point: np.ndarray) -> list[SurfaceFoot]:
+        """Local feet of a point from the nearest samples, the nearest one first."""
+        e = self._samples - point
+        order = np.argsort(np.sum(e * e, axis=1))
+        starts: list[np.ndarray] = []
+        for k in order[:400]:
+            # Samples beside each other lead to the same foot.
+            if all(np.max(np.abs(self._samples[k] - q)) > 0.15 * self.size for q in starts):
+                starts.append(self._samples[k])
+            if len(starts) == _STARTS:
+                break
+        found: list[SurfaceFoot] = []
+        for start in starts:
+            foot = self.foot(point, start)
+            if foot is not None and all(np.max(np.abs(foot.point - x.point)) > _ALIKE * self.size for x in found):
+                found.append(foot)
+        return sorted(found, key=lambda foot: foot.distance)
+
+    def without_tiny(self, x: np.ndarray) -> np.ndarray:
+        """The same coordinates without tiny ones, which would make long integers."""
+        return np.where(np.abs(x) < _TINY * self.size, 0.0, x)
+
+    def samples(self, draw: np.random.Generator, count: int) -> np.ndarray:
+        """So many points of the surface, or all that are known."""
+        return self._samples[draw.permutation(len(self._samples))[:count]]
+
+    def beside(self, points: np.ndarray) -> np.ndarray:
+        """Points of the surface in the box, near some points."""
+        found = (self.foot(point, point) for point in points)
+        return np.array([foot.point for foot in found if foot is not None]).reshape(-1, 3)
+
+    @property
+    def is_found(self) -> bool:
+        """Whether any of its points are known."""
+        return len(self._samples) > 0
+
+    def proven_distance(self, point: np.ndarray) -> float:
+        """The distance of a point to the surface, from below, as the search proves it."""
+        return float(target_of(self._shape).nearest(point[None]).lower[0])
+
+    def scaled(self, points: np.ndarray) -> np.ndarray:
+        """Points as they are."""
+        return points
+
+    def distance(self, point: np.ndarray) -> float:
+        """About the distance of a point; inf where no foot is found."""
+        feet = self.near(point)
+        return feet[0].distance if feet else math.inf
+
+    def named(self, piece: int, t: np.ndarray, point: np.ndarray | None = None) -> ShapePlace | None:
+        """The place next to a point; a surface has no parameters."""
+        return None if point is None else self.place(point)
+
+    def place(self, point: np.ndarray) -> ShapePlace | None:
+        """A place of the surface next to a point, with a way along which the sign changes; None if none is proven."""
+        foot = self.foot(point, point)
+        if foot is None:
+            return None
+        for near in (_AT_FACE * self.size, 0.0):
+            low, high = foot.point - self.lower <= near, self.upper - foot.point <= near
+            at = np.where(low, self.lower, np.where(high, self.upper, foot.point))
+            # A way across a face would leave the box.
+            slope = np.where(low | high, 0.0, self.slopes(at))
+            length = float(np.linalg.norm(slope))
+            for share in _WAYS if length > 0 else _WAYS[:1]:
+                way = share * self.size * slope / max(length, 1e-300)
+                place = {"at": self.without_tiny(at).tolist(), "way": self.without_tiny(way).tolist()}
+                try:
+                    return ShapePlace(place, place_of(self.zeros, place, "witness"))
+                except CertificateError:
+                    continue
+        return None
+
+    def foot(self, point: np.ndarray, start: np.ndarray) -> SurfaceFoot | None:
+        """The local foot of a point near a start, in the box; None where there is none."""
+        q = np.clip(start, self.lower, self.upper)
+        held = np.zeros(3, bool)
+        moves, factor = np.zeros((3, 3)), None
+        for _ in range(4 * _STEPS):
+            value, slope, bend = self.jet(q)
+            free = ~held
+            square = float(slope[free] @ slope[free])
+            if square == 0:
+                return None if value else SurfaceFoot(q, held, moves, float(np.linalg.norm(q - point)))
+            if factor is None:
+                factor = -float((q - point)[free] @ slope[free]) / square
+            step, factor, moves = _step(q - point, value, slope, np.eye(3) + factor * bend, held)
+            share, hit = 1.0, None
+            for i in np.flatnonzero(free & (step != 0)):
+                end = self.upper[i] if step[i] > 0 else self.lower[i]
+                if (end - q[i]) / step[i] < share:
+                    share, hit = max((end - q[i]) / step[i], 0.0), i
+            q = q + share * step
+            if hit is not None:
+                q[hit] = self.upper[hit] if step[hit] > 0 else self.lower[hit]
+                held[hit], factor = True, None
+                continue
+            if np.max(np.abs(step)) <= 1e-14 * self.size:
+                released = self._released(point, q, held)
+                if released is None:
+                    break
+                held[released], factor = False, None
+        small = abs(float(self.values(q))) <= 1e-11 * (1e-3 + float(np.linalg.norm(self.slopes(q)))) * self.size
+        return SurfaceFoot(q, held, moves, float(np.linalg.norm(q - point))) if small else None
+
+    def _released(self, point: np.ndarray, q: np.ndarray, held: np.ndarray) -> int | None:
+        """A held coordinate that the distance wants to leave its face."""
+        slope = self.slopes(q)
+        free = ~held
+        square = float(slope[free] @ slope[free])
+        if not held.any() or square == 0:
+            return None
+        pull = (q - point) - float((q - point)[free] @ slope[free]) / square * slope
+        inward = np.where(q == self.lower, 1.0, -1.0)
+        wants = np.where(held, -pull * inward, -np.inf)
+        best = int(np.argmax(wants))
+        return best if wants[best] > 1e-9 * self.size else None
+
+    def _on_grid(self) -> np.ndarray:
+        """Zeros on the edges of a grid, and nodes that are zeros."""
+        axes = [np.linspace(low, high, _NODES) for low, high in zip(self.lower, self.upper, strict=True)]
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        values = self.values(nodes)
+        found = [nodes[values == 0]]
+        for axis in range(3):
+            first, last = (np.moveaxis(nodes, axis, 0)[part].reshape(-1, 3) for part in (slice(-1), slice(1, None)))
+            below = np.moveaxis(values, axis, 0)[:-1].ravel()
+            above = np.moveaxis(values, axis, 0)[1:].ravel()
+            change = below * above < 0
+            first, last, sign = first[change], last[change], np.sign(below[change])
+            for _ in range(_HALVINGS if len(first) else 0):
+                middle = 0.5 * (first + last)
+                same = (np.sign(self.values(middle)) == sign)[:, None]
+                first, last = np.where(same, middle, first), np.where(same, last, middle)
+            found.append(first)
+        return np.concatenate(found)
+
+    def _on_surface(self, hints: np.ndarray) -> np.ndarray:
+        inside = np.all((hints >= self.lower) & (hints <= self.upper), axis=1)
+        near = np.abs(self.values(hints)) <= 1e-7 * (1e-3 + np.linalg.norm(self.slopes(hints), axis=-1)) * self.size
+        return hints[inside & near]
+
+
+def _derivative(rows: np.ndarray, axis: int) -> np.ndarray:
+    if rows.shape[axis] == 1:
+        return np.zeros_like(rows)
+    return polynomial.polyder(rows, axis=axis)
+
+
+def _falling(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Exponents and factors of the powers below a count and of their first two derivatives, (3, count) each."""
+    n, k = np.arange(count), np.arange(3)[:, None]
+    factors = np.stack([np.ones(count), n, n * (n - 1)])
+    return np.maximum(n - k, 0), factors
+
+
+def _step(
+    e: np.ndarray, value: float, slope: np.ndarray, full: np.ndarray, held: np.ndarray
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """A step of Newton's method, the new multiplier, and the derivative of the foot in the point.
+
+    Args:
+        e: the place less the point.
+        value: of the polynomial.
+        slope: of the polynomial.
+        full: the Hessian of half the squared distance and the multiplier times the polynomial.
+        held: coordinates that stay.
+    """
+    free = ~held
+    along = _tangent(slope, free)
+    # Where the distance is no minimum along the surface, Gauss and Newton's step goes downwards all the same.
+    if along.shape[1] and np.min(np.linalg.eigvalsh(along.T @ full @ along)) < 1e-3:
+        full = np.eye(3)
+    matrix = np.zeros((4, 4))
+    matrix[:3, :3] = np.where(free[:, None] & free[None], full, np.eye(3))
+    matrix[:3, 3] = matrix[3, :3] = np.where(free, slope, 0.0)
+    right = np.zeros((4, 4))
+    right[:3, 0] = np.where(free, -e, 0.0)
+    right[3, 0] = -value
+    right[:3, 1:] = np.diag(free.astype(float))
+    solved = np.linalg.solve(matrix, right)
+    return solved[:3, 0], float(solved[3, 0]), solved[:3, 1:]
+
+
+def _tangent(slope: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """An orthonormal basis of the free directions across the gradient, (3, count)."""
+    axes = np.eye(3)[:, free]
+    inner = axes.T @ slope
+    _, _, rows = np.linalg.svd(inner[None])
+    return axes @ rows[1:].T

@@ -1,0 +1,182 @@
+"""Two shapes kept apart: pairs of parts that cover all pairs of places, with a plane between the parts of each.
+
+A part is a range of pieces, in an order that the certificate gives, or what is left of one piece. One of the parts of a
+pair is cut into halves, again and again; a pair is named by its cuts, small letters for the part of a and capital ones
+for that of b. `x` and `y` are the halves of a range (the first one has a piece less where their number is odd), `a` and
+`b` those of the first interval in the domain of a piece, `c` and `d` those of the second; triangles, and the
+tetrahedra of a polynomial surface, are cut as in `cells`. Pairs come in the order of the letters, so that the next one
+is known, and nothing is left out.
+
+A plane with normal n keeps two parts a distance apart when n is at most m at all control points of the one, and at
+least M at all of the other, with M - m at least that distance times the length of n: they are hulls of these points.
+Of polynomial surfaces a part may also be free of zeros, or the distance be proven of zeros alone (`surface_proofs`).
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fractions import Fraction
+from reprlib import repr  # of limited length and depth, whatever a file holds
+from typing import Any, NamedTuple
+
+from jhd._distance.certificate.verification.cells import MOST_CUTS, half
+from jhd._distance.certificate.verification.pieces import ExactPiece, Part, box_map, composed, integers
+from jhd._distance.certificate.verification.polynomials import elevated
+from jhd._distance.certificate.verification.structure import CertificateError
+
+# Corners of the domain of a piece, for each simplex of it: the box that it is cut into.
+Box = tuple[tuple[float, ...], ...]
+# Homogeneous coordinates: those of a point times a weight, and the weight.
+Homogeneous = tuple[tuple[int, ...], int]
+
+# Cuts of one pair, of ranges too.
+_MOST_LETTERS = 160
+
+
+class PartOfShape(NamedTuple):
+    """A range of pieces in their order, or a box of the domain of the only one, which has been cut so often."""
+
+    first: int
+    last: int
+    box: Box | None
+    depth: int = 0
+
+
+class Ordered:
+    """The pieces of a shape in an order, and the control points of their parts.
+
+    Args:
+        pieces: the pieces.
+        order: their numbers, each once; None is the order in which they stand.
+    """
+
+    def __init__(self, pieces: Sequence[ExactPiece], order: Sequence[int] | None):
+        self.pieces = pieces if order is None else [pieces[k] for k in order]
+        self._points: dict[int, list[Homogeneous]] = {}
+
+    def whole(self) -> PartOfShape:
+        """All of the shape."""
+        return PartOfShape(0, len(self.pieces), None)
+
+    def half(self, part: PartOfShape, letter: str) -> PartOfShape | None:
+        """The half that a small letter names; None where the part cannot be cut so."""
+        if letter in "xy":
+            middle = (part.first + part.last) // 2
+            if part.last - part.first < 2:
+                return None
+            return PartOfShape(*((part.first, middle) if letter == "x" else (middle, part.last)), None)
+        if part.last - part.first > 1:
+            return None
+        corners = self.pieces[part.first].corners
+        box = part.box or whole_box(corners)
+        cut = _half_of(corners, box, letter, part.depth)
+        return None if cut is None else PartOfShape(part.first, part.last, cut, part.depth + 1)
+
+    def points(self, part: PartOfShape) -> Iterator[Homogeneous]:
+        """Control points whose hull holds the part."""
+        if part.box is None:
+            for k in range(part.first, part.last):
+                if k not in self._points:
+                    self._points[k] = _points_of(self.pieces[k])
+                yield from self._points[k]
+            return
+        yield from points_of_part(self.part(part))
+
+    def part(self, part: PartOfShape) -> Part:
+        """A part of a single piece."""
+        piece = self.pieces[part.first]
+        return composed(piece, box_map(piece, part.box or whole_box(piece.corners)))
+
+
+def whole_box(corners: tuple[int, ...]) -> Box:
+    """The domain itself."""
+    return tuple(tuple(float(i == k + 1) for i in range(count) for k in range(count - 1)) for count in corners)
+
+
+def _half_of(corners: tuple[int, ...], box: Box, letter: str, depth: int) -> Box | None:
+    if corners in ((3,), (4,)):
+        if letter not in ("abcdef" if corners == (3,) else "ab"):
+            return None
+        size = corners[0] - 1
+        found = half(tuple(box[0][k : k + size] for k in range(0, len(box[0]), size)), letter, depth)
+        return (tuple(number for corner in found for number in corner),)
+    k, second = divmod(ord(letter) - ord("a"), 2)
+    if not 0 <= k < len(corners):
+        return None
+    low, high = box[k]
+    middle = 0.5 * (low + high)
+    return (*box[:k], (middle, high) if second else (low, middle), *box[k + 1 :])
+
+
+def _points_of(piece: ExactPiece) -> list[Homogeneous]:
+    weights = piece.weight if len(piece.weight) > 1 else piece.weight * len(piece.rows[0])
+    return list(zip(zip(*piece.rows, strict=True), weights, strict=True))
+
+
+def points_of_part(part: Part) -> list[Homogeneous]:
+    """The control points of a part of a piece."""
+    weights = elevated(part.weight, part.domain, part.weight_degree, part.degree)
+    return [(tuple(f.get(i, 0) for f in part.coordinates), w) for i, w in weights.items()]
+
+
+def failure_of_plane(
+    mine: Iterable[Homogeneous], others: Iterable[Homogeneous], normal: Sequence[float], bound: float | Fraction
+) -> str | None:
+    """Why a plane does not keep the hulls of two sets of points `bound` apart; None where it does."""
+    n, _ = integers(normal)
+    gap = min(_heights(n, others)) - max(_heights(n, mine))
+    if gap < 0 or gap * gap < Fraction(bound) ** 2 * sum(x * x for x in n):
+        return "is not proven by the plane"
+    return None
+
+
+def _heights(normal: Sequence[int], points: Iterable[Homogeneous]) -> Iterator[Fraction]:
+    for x, w in points:
+        yield Fraction(sum(p * q for p, q in zip(normal, x, strict=True)), w)
+
+
+def pairs(
+    place: str, a: Ordered, b: Ordered, entries: Iterable[Mapping[str, Any]]
+) -> Iterator[tuple[Any, str, PartOfShape, PartOfShape]]:
+    """The entries with their names and parts.
+
+    Raises:
+        CertificateError: the next entry is not one that goes on; at the end, when something is left.
+    """
+    left = [("", a.whole(), b.whole())]
+    numbered = iter(entries)
+    count = 0
+    while left:
+        done, mine, other = left.pop()
+        name, entry = f"{place}[{count}]", next(numbered, None)
+        if entry is None:
+            raise CertificateError(f"{name}: there is no further pair; what begins with {repr(done)} is left.")
+        letters = entry["pair"]
+        if not letters.startswith(done):
+            raise CertificateError(f"{name}.pair is {repr(letters)}; the next one begins with {repr(done)}.")
+        if len(letters) > _MOST_LETTERS or any(_cuts(letters, kind) > MOST_CUTS for kind in (str.islower, str.isupper)):
+            raise CertificateError(f"{name}.pair has {len(letters)} cuts; needs fewer.")
+        for letter in letters[len(done) :]:
+            beside = chr(ord(letter) + 1)
+            halves = [_cut(a, b, mine, other, x) for x in (letter, beside)] if letter in "xaceXACE" else [None]
+            if halves[0] is None or halves[1] is None:
+                raise CertificateError(f"{name}.pair is {repr(letters)}: {repr(letter)} is no first half there.")
+            left.append((done + beside, *halves[1]))
+            done, (mine, other) = done + letter, halves[0]
+        yield entry, name, mine, other
+        count += 1
+    if next(numbered, None) is not None:
+        raise CertificateError(f"{place}[{count}]: everything is covered already.")
+
+
+def _cuts(letters: str, kind: Any) -> int:
+    """How often a piece is cut, of one of the shapes."""
+    return sum(1 for letter in letters if kind(letter) and letter not in "xyXY")
+
+
+def _cut(
+    a: Ordered, b: Ordered, mine: PartOfShape, other: PartOfShape, letter: str
+) -> tuple[PartOfShape, PartOfShape] | None:
+    if letter.islower():
+        found = a.half(mine, letter)
+        return None if found is None else (found, other)
+    found = b.half(other, letter.lower())
+    return None if found is None else (mine, found)

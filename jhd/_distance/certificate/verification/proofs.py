@@ -1,0 +1,377 @@
+"""The proofs: that a cell is near its feet, and that the witness is far from all of the other shape.
+
+Over a cell the distance to the foot phi_k(u) is |e_k(u)| / w_k(u), two polynomials. One foot is enough where all
+Bernstein coefficients of e_k are at most `bound` times those of w_k, or where P_k = bound^2 w_k^2 - |e_k|^2 is not
+negative. Of several feet it is enough that sum l_k P_k is not negative for multipliers l_k whose Bernstein coefficients
+are not negative and not all zero: where one of the multipliers is positive one of the P_k is not negative, and that
+is everywhere but on sides of the cell, to which the bound extends because distances are continuous.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from fractions import Fraction
+from functools import partial
+from typing import Any, NamedTuple
+
+from jhd._distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, pairs, whole_box
+from jhd._distance.certificate.verification.cells import cover
+from jhd._distance.certificate.verification.pieces import (
+    ExactPiece,
+    Map,
+    Part,
+    box_map,
+    common_power,
+    composed,
+    difference,
+    integers,
+    pieces_of,
+    simplex_map,
+)
+from jhd._distance.certificate.verification.polynomials import (
+    MOST_PARTS,
+    ON_PART,
+    Degree,
+    Polynomial,
+    combined,
+    elevated,
+    failure,
+    from_coefficients,
+    product,
+    square,
+    total,
+)
+from jhd._distance.certificate.verification.structure import (
+    KINDS,
+    CertificateError,
+    ShapeSize,
+    check_content,
+    check_entry,
+    check_pair,
+)
+from jhd._distance.certificate.verification.surface_proofs import failure_of_pair, failure_of_surface_cell
+from jhd._distance.certificate.verification.work import count_of, expected_seconds
+from jhd._distance.certificate.verification.zeros import NearZero, ZeroSet, is_free, place_of, zeros_of
+
+# How bounds are written, the lower one and the upper one: rounded outward.
+_OUTWARD = [Context(prec=17, rounding=way) for way in (ROUND_FLOOR, ROUND_CEILING)]
+# How the distances are written.
+NAMES = {"directed": "h(A, B)", "two_sided": "H(A, B)", "minimum": "d(A, B)"}
+
+
+class Proven(NamedTuple):
+    """The bounds that a certificate proves: lower <= distance <= upper.
+
+    Args:
+        kind: "directed" (largest distance of a point of a to b), "two_sided" (Hausdorff distance) or "minimum".
+        lower: the proven lower bound.
+        upper: the proven upper bound; None if the certificate claims none.
+        cells: number of cells that were checked.
+    """
+
+    kind: str
+    lower: float
+    upper: float | None
+    cells: int
+
+
+class _Deadline:
+    """The time after which a check is given up, before it begins if need be, and who hears of what is checked."""
+
+    def __init__(self, seconds: float | None, progress: Callable[[str], object] | None):
+        self.seconds, self.end = seconds, None if seconds is None else time.monotonic() + seconds
+        self.progress, self.place = progress, ""
+
+    def begin(self, expected: float) -> None:
+        """Raises CertificateError where the check takes longer than there is time, by all that is known of it."""
+        if self.seconds is not None and expected > self.seconds:
+            raise CertificateError(f"takes {expected:.3g} seconds or more; max_seconds is {self.seconds!r}.")
+
+    def check(self, place: str, count: int = 0) -> None:
+        """Raises CertificateError when it has passed; `count` is how many such places there are, if it is known."""
+        self.place = place + (f" of {count}" if count else "")
+        if self.progress is not None:
+            self.progress(self.place)
+        self.check_within()
+
+    def check_within(self) -> None:
+        """The same within the place that is checked."""
+        if self.end is not None and time.monotonic() > self.end:
+            raise CertificateError(f"is not checked in {self.seconds!r} seconds; it ends at {self.place}.")
+
+
+def verify(content: Any, max_seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
+    """The bounds that a certificate proves; see jhd.verify. `progress` gets the name of the next part.
+
+    Raises:
+        CertificateError: something is missing, invalid or not proven, or the check takes too long.
+    """
+    deadline, content = _Deadline(max_seconds, progress), getattr(content, "content", content)
+    sizes = check_content(content)
+    deadline.begin(expected_seconds(content["cells"], sizes))
+    claim, power = content["claim"], common_power(content["a"], content["b"])
+    sides = {name: _side_of(content[name], sizes[name], power) for name in ("a", "b")}
+    token = ON_PART.set(deadline.check_within)
+    try:
+        check = _check_minimum if claim["kind"] == "minimum" else _check_maximum
+        count = check(content, sides, deadline)
+    finally:
+        ON_PART.reset(token)
+    upper = None if claim["upper"] is None else float(claim["upper"])
+    return Proven(claim["kind"], float(claim["lower"]), upper, count)
+
+
+class _CheckedSide(NamedTuple):
+    """A shape: its size, its pieces, the polynomial of a surface, and how many units of the pieces are one."""
+
+    size: ShapeSize
+    pieces: list[ExactPiece]
+    zeros: ZeroSet | None
+    unit: Fraction
+
+
+def _side_of(shape: Mapping[str, Any], size: ShapeSize, power: int | None) -> _CheckedSide:
+    return _CheckedSide(size, pieces_of(shape, power), zeros_of(shape), Fraction(2) ** (power or 0))
+
+
+def _check_maximum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
+    """The number of cells, all of which are proven, and so is the witness."""
+    claim, count = content["claim"], 0
+    for direction in KINDS[claim["kind"]] if claim["upper"] is not None else ():
+        source, target = sides[direction[0]], sides[direction[-1]]
+        place, entries = f"cells.{direction}", content["cells"][direction]
+        checked = _checked(place, entries, partial(check_entry, source=source.size, target=target.size))
+        for entry, name, cell in cover(place, source.pieces, checked):
+            deadline.check(name, count_of(entries))
+            if entry["bound"] > claim["upper"]:
+                raise CertificateError(f"{name}.bound is {entry['bound']!r}, above the upper bound {claim['upper']!r}.")
+            failed = _failure_of_entry(source, cell, target, entry)
+            if failed:
+                raise CertificateError(f"{name}: that the distance is at most {entry['bound']!r} {failed}.")
+            count += 1
+    if claim["lower"] > 0:
+        count += _check_witness(content, sides, deadline)
+    return count
+
+
+def _failure_of_entry(source: _CheckedSide, cell: Map, target: _CheckedSide, entry: Mapping[str, Any]) -> str | None:
+    piece = source.pieces[entry["piece"]]
+    if source.zeros is None and target.zeros is None:
+        return failure_of_cell(piece, cell, target.pieces, {**entry, "bound": Fraction(entry["bound"]) * source.unit})
+    return failure_of_surface_cell(piece, cell, target.pieces, (source.zeros, target.zeros), entry)
+
+
+def _check_minimum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
+    """The number of pairs of parts, all of which are proven, and so are the two places."""
+    claim, witness = content["claim"], content["witness"]
+    if witness is not None:
+        p, q = (_near(sides[name], witness[name], f"witness.{name}") for name in ("a", "b"))
+        most = Fraction(claim["upper"]) * sides["a"].unit - p.reach - q.reach
+        failed = "is false" if most < 0 else failure_at_most([difference(p.point, q.point)], most, None)
+        if failed:
+            raise CertificateError(f"witness: that the distance is at most {claim['upper']!r} {failed}.")
+    if claim["lower"] > 0:
+        a, b = (Ordered(sides[name].pieces, content["orders"][name]) for name in ("a", "b"))
+        return _check_pairs("apart", content, (sides["a"], sides["b"]), (a, b), Fraction(claim["lower"]), deadline)
+    return 0
+
+
+def _near(side: _CheckedSide, place: Mapping[str, Any], name: str) -> NearZero:
+    """A point with the distance to a place of the shape: none, where it is one."""
+    if side.zeros is not None:
+        return place_of(side.zeros, place, name)
+    return NearZero(point_of(side.pieces[place["piece"]], place["at"]), Fraction(0))
+
+
+def _check_pairs(
+    section: str,
+    content: Mapping[str, Any],
+    sides: tuple[_CheckedSide, _CheckedSide],
+    ordered: tuple[Ordered, Ordered],
+    bound: Fraction,
+    deadline: _Deadline,
+) -> int:
+    """The number of pairs of parts of two shapes that are this far apart."""
+    count, place = 0, f"cells.{section}"
+    checked = _checked(place, content["cells"][section], partial(check_pair, sizes=[side.size for side in sides]))
+    for entry, name, mine, other in pairs(place, *ordered, checked):
+        deadline.check(name, count_of(content["cells"][section]))
+        failed = _failure_apart(sides, ordered, (mine, other), entry, bound)
+        if failed:
+            raise CertificateError(f"{name}: that the distance is at least {float(bound)!r} {failed}.")
+        count += 1
+    return count
+
+
+def _failure_apart(
+    sides: tuple[_CheckedSide, _CheckedSide],
+    ordered: tuple[Ordered, Ordered],
+    parts: tuple[PartOfShape, PartOfShape],
+    entry: Mapping[str, Any],
+    bound: Fraction,
+) -> str | None:
+    if "plane" in entry:
+        mine, others = (each.points(part) for each, part in zip(ordered, parts, strict=True))
+        return failure_of_plane(mine, others, entry["plane"], bound * sides[0].unit)
+    # Where one part holds no zero nothing is said of the other, which may have several pieces.
+    named = (entry["free"],) if "free" in entry else (0, 1)
+    if any(parts[k].last - parts[k].first > 1 for k in named):
+        return "is not proven: a part has several pieces"
+    found = {k: ordered[k].part(parts[k]) for k in named}
+    if "zeros" in entry:
+        return failure_of_pair((found[0], found[1]), (sides[0].zeros, sides[1].zeros), entry["zeros"], bound)
+    zeros = sides[entry["free"]].zeros
+    free = zeros is not None and is_free(zeros, found[entry["free"]])
+    return None if free else "is not proven: the part may hold a zero"
+
+
+def _checked(place: str, entries: Any, check: Callable[[str, Any], None]) -> Iterator[Mapping[str, Any]]:
+    if not isinstance(entries, Iterable) or isinstance(entries, Mapping | str):
+        raise CertificateError(f"{place} is {type(entries).__name__}; needs a list of cells.")
+    for k, entry in enumerate(entries):
+        check(f"{place}[{k}]", entry)
+        yield entry
+
+
+def sentence(proven: Proven) -> str:
+    """The proven bounds in one line."""
+    name = NAMES[proven.kind]
+    lower = _OUTWARD[0].create_decimal_from_float(proven.lower)
+    upper = "" if proven.upper is None else f" <= {_OUTWARD[1].create_decimal_from_float(proven.upper):g}"
+    return f"{lower:g} <= {name}{upper}, {proven.cells} cell{'' if proven.cells == 1 else 's'}"
+
+
+# ---- from above ----------------------------------------------------------------------------------
+
+
+def failure_of_cell(
+    source: ExactPiece, cell: Map, targets: Sequence[ExactPiece], entry: Mapping[str, Any]
+) -> str | None:
+    """Why the bound of a cell is not proven; None where it is.
+
+    Args:
+        source: the piece of the cell.
+        cell: the map of a simplex onto it.
+        targets: the pieces of the other shape.
+        entry: its feet, multipliers and bound, as they stand in a certificate.
+    """
+    part, corners = composed(source, cell), len(cell.domain[0])
+    apart = [
+        difference(part, composed(targets[foot["piece"]], simplex_map(targets[foot["piece"]], corners, **_map(foot))))
+        for foot in entry["feet"]
+    ]
+    return failure_at_most(apart, entry["bound"], entry["multipliers"])
+
+
+def _map(foot: Mapping[str, Any]) -> dict[str, Any]:
+    return {"rows": foot["map"], "weights": foot["weights"]}
+
+
+def failure_at_most(
+    apart: Sequence[Part],
+    bound: float | Fraction,
+    multipliers: Sequence[Sequence[float]] | None,
+    parts: int = MOST_PARTS,
+) -> str | None:
+    """Why it is not proven that everywhere one of the differences is at most `bound` long; None where it is.
+
+    Args:
+        apart: the differences on one simplex.
+        bound: the length.
+        multipliers: for each the Bernstein coefficients of its multiplier; None of one difference.
+        parts: in how many parts of the simplex to try.
+    """
+    if any(is_hull_at_most(e, bound) for e in apart):
+        return None
+    domain, slacks = apart[0].domain, [slack(e, bound) for e in apart]
+    if multipliers is None:
+        return failure(slacks[0][0], domain, slacks[0][1], parts)
+    variables, products = domain[0], []
+    numbers, _ = integers(x for row in multipliers for x in row)
+    most_bits = max(e.bits for e in apart)
+    for e, (f, degree), row in zip(apart, slacks, multipliers, strict=True):
+        m = int(len(row) > 1)
+        # The slacks are squares of numbers with different powers of two.
+        factor = from_coefficients([numbers.pop(0) << 2 * (most_bits - e.bits) for _ in row], variables, m)
+        products.append((product(factor, f), (degree[0] + m,)))
+    most = max(degree for _, degree in products)
+    return failure(total([elevated(f, domain, degree, most) for f, degree in products]), domain, most, parts)
+
+
+def is_hull_at_most(e: Part, bound: float | Fraction) -> bool:
+    """Whether all Bernstein coefficients of a difference are at most `bound` long: then it is everywhere."""
+    top, whole = Fraction(bound).as_integer_ratio()
+    weight = elevated(e.weight, e.domain, e.weight_degree, e.degree)
+    return all(
+        whole * whole * sum(f.get(i, 0) ** 2 for f in e.coordinates) <= top * top * w * w for i, w in weight.items()
+    )
+
+
+def squares_of(e: Part) -> tuple[Polynomial, Polynomial, Degree]:
+    """|e|^2 and w^2 of a difference e / w, in one degree."""
+    doubled = tuple(2 * n for n in e.degree)
+    weights = elevated(square(e.weight), e.domain, tuple(2 * n for n in e.weight_degree), doubled)
+    return total([square(f) for f in e.coordinates]), weights, doubled
+
+
+def slack(e: Part, bound: float | Fraction) -> tuple[Polynomial, Degree]:
+    """bound^2 w^2 - |e|^2, times a square, and its degree."""
+    top, whole = Fraction(bound).as_integer_ratio()
+    squares, weights, degree = squares_of(e)
+    return combined(weights, top * top, squares, -whole * whole), degree
+
+
+# ---- from below ----------------------------------------------------------------------------------
+
+
+def _check_witness(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
+    """The number of pairs of the witness and parts of the other shape, if this is a surface; all is proven."""
+    witness, lower = content["witness"], content["claim"]["lower"]
+    name, other = witness["direction"][0], witness["direction"][-1]
+    place = _near(sides[name], witness, "witness")
+    bound = Fraction(lower) * sides[name].unit + place.reach
+    if sides[other].zeros is not None:
+        point = as_piece(place.point)
+        mine = _CheckedSide(ShapeSize(3, 1, (), 0), [point], None, sides[name].unit)
+        ordered = Ordered([point], None), Ordered(sides[other].pieces, None)
+        return _check_pairs("witness", content, (mine, sides[other]), ordered, bound, deadline)
+    for index, piece in enumerate(sides[other].pieces):
+        deadline.check(f"witness and piece {index} of {other}")
+        cuts = [0.0, 1.0] if witness["cuts"] is None else witness["cuts"][index]
+        for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+            failed = failure_of_witness(place.point, piece, bound, (first, last))
+            if failed:
+                where = f"from the witness to piece {index} of {other}"
+                where += "" if witness["cuts"] is None else f" between {first!r} and {last!r}"
+                raise CertificateError(f"witness: that the distance {where} is at least {lower!r} {failed}.")
+    return 0
+
+
+def point_of(piece: ExactPiece, at: Sequence[float]) -> Part:
+    """The point of a piece at parameters, on a domain of its own."""
+    return composed(piece, simplex_map(piece, 1, [at]))
+
+
+def as_piece(point: Part) -> ExactPiece:
+    """A point as a piece of a shape."""
+    rows = tuple((f.get(0, 0),) for f in point.coordinates)
+    return ExactPiece((), (), rows, (point.weight[0],), point.bits)
+
+
+def failure_of_witness(
+    point: Part, piece: ExactPiece, lower: float | Fraction, ends: tuple[float, float] = (0.0, 1.0)
+) -> str | None:
+    """Why it is not proven that a point is at least `lower` away from a piece; None where it is.
+
+    Args:
+        point: the point.
+        piece: the piece.
+        lower: the bound.
+        ends: of an interval, the part of it that is meant.
+    """
+    box = [ends if count == 2 else whole for count, whole in zip(piece.corners, whole_box(piece.corners), strict=True)]
+    part = composed(piece, box_map(piece, box))
+    still = (0,) * len(part.domain)
+    apart = difference(Part(part.domain, point.coordinates, still, point.weight, still, point.bits), part)
+    f, degree = slack(apart, lower)
+    return failure({i: -c for i, c in f.items()}, apart.domain, degree)

@@ -1,0 +1,137 @@
+"""The proofs about polynomial surfaces: cells with feet on them, cells that hold them, and pairs of parts apart.
+
+Of a cell whose feet k have slacks P_k = bound^2 w_k^2 - |e_k|^2 it is proven that
+
+    sum_k (l_k P_k + m_k f_b(q_k + s_k n_k)) + m f_a >= 0
+
+for multipliers l_k >= 0 and m_k, m of any sign: over the cell, and over s_k from -1 to 1 for each foot on a surface
+f_b. At a zero of f_a, and with the s_k for which q_k + s_k n_k are zeros of f_b, one of the feet is then within the
+bound.
+"""
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+from jhd._distance.certificate.verification.convexity import failure_in_space
+from jhd._distance.certificate.verification.pieces import (
+    ExactPiece,
+    Map,
+    Part,
+    composed,
+    difference,
+    simplex_map,
+)
+from jhd._distance.certificate.verification.polynomials import MOST_PARTS, Domain, combined, elevated, square, total
+from jhd._distance.certificate.verification.zeros import (
+    ZeroForm,
+    ZeroSet,
+    extended,
+    is_free,
+    is_in_box,
+    negative,
+    of_corners,
+    plus,
+    shifted,
+    times,
+    tube_of,
+    value_on,
+)
+
+
+def slack_of(e: Part, bound: float | Fraction) -> ZeroForm:
+    """bound^2 w^2 - |e|^2 of a difference e / w."""
+    top, whole = Fraction(bound).as_integer_ratio()
+    degree = tuple(2 * n for n in e.degree)
+    weights = elevated(square(e.weight), e.domain, tuple(2 * n for n in e.weight_degree), degree)
+    squares = total([square(f) for f in e.coordinates])
+    bits = 2 * (e.bits + whole.bit_length() - 1)
+    return ZeroForm(combined(weights, top * top, squares, -whole * whole), degree, bits)
+
+
+def failure_of_surface_cell(
+    source: ExactPiece,
+    cell: Map,
+    targets: Sequence[ExactPiece],
+    zeros: tuple[ZeroSet | None, ZeroSet | None],
+    entry: Mapping[str, Any],
+    parts: int = MOST_PARTS,
+) -> str | None:
+    """Why the bound of a cell is not proven; None where it is.
+
+    Args:
+        source: the piece of the cell.
+        cell: the map of a simplex onto it.
+        targets: the pieces of the other shape.
+        zeros: the polynomials of both shapes, None of those that are no surfaces.
+        entry: the cell as it stands in a certificate.
+        parts: in how many parts to try.
+    """
+    mine, other = zeros
+    part = composed(source, cell)
+    if mine is not None and entry["zero"] is None:
+        return None if is_free(mine, part) else "is not proven: the cell may hold a zero"
+    corners, feet = len(cell.domain[0]), entry["feet"]
+    count = len(feet) if other is not None else 0
+    domain: Domain = (*cell.domain, *((corners + 2 * k, corners + 2 * k + 1) for k in range(count)))
+    whole = extended(part, domain)
+    found = ZeroForm({}, (0,) * len(domain), 0)
+    for k, foot in enumerate(feet):
+        factor = None if entry["multipliers"] is None else of_corners(entry["multipliers"][k], domain, [0])
+        if other is None:
+            to = simplex_map(targets[foot["piece"]], corners, foot["map"], foot["weights"])
+            there, zero = composed(targets[foot["piece"]], to), None
+        else:
+            tube = tube_of(foot, domain, k + 1)
+            if not is_in_box(other, foot):
+                return f"is not proven: foot {k} leaves the box"
+            for sign, end in zip((-1, 1), tube.ends, strict=True):
+                value = value_on(other, end)
+                value = value if sign > 0 else negative(value)
+                if failure_in_space(value.terms, end.domain, value.degree, parts) is not None:
+                    return f"is not proven: foot {k} has no change of sign"
+            there, zero = tube.places, times(of_corners(foot["zero"], domain, [0, k + 1]), value_on(other, tube.places))
+        slack = slack_of(difference(whole, extended(there, domain)), entry["bound"])
+        found = plus(found, slack if factor is None else times(factor, slack), domain)
+        found = found if zero is None else plus(found, zero, domain)
+    if mine is not None:
+        value = value_on(mine, part)
+        value = value._replace(degree=value.degree + (0,) * count)
+        found = plus(found, times(of_corners(entry["zero"], domain, [0]), value), domain)
+    return failure_in_space(found.terms, domain, found.degree, parts)
+
+
+def joined(mine: Part, other: Part) -> tuple[Part, Part, Domain]:
+    """Two parts on the product of their domains."""
+    moved = shifted(other, sum(len(variables) for variables in mine.domain))
+    domain = mine.domain + moved.domain
+    ahead = (0,) * len(mine.domain)
+    there = moved._replace(domain=domain, degree=ahead + moved.degree, weight_degree=ahead + moved.weight_degree)
+    return extended(mine, domain), there, domain
+
+
+def failure_of_pair(
+    parts: tuple[Part, Part],
+    zeros: tuple[ZeroSet | None, ZeroSet | None],
+    numbers: Sequence[Sequence[float] | None],
+    bound: float | Fraction,
+    most_parts: int = MOST_PARTS,
+) -> str | None:
+    """Why it is not proven that two parts, or the zeros in them, are `bound` apart; None where it is.
+
+    Args:
+        parts: of both shapes, each on a domain of its own.
+        zeros: the polynomials of those that are surfaces.
+        numbers: their multipliers.
+        bound: the distance.
+        most_parts: in how many parts to try.
+    """
+    mine, there, domain = joined(*parts)
+    found = negative(slack_of(difference(mine, there), bound))
+    count = len(parts[0].domain)
+    simplices = [list(range(count)), list(range(count, len(domain)))]
+    for k, (zero, part) in enumerate(zip(zeros, (mine, there), strict=True)):
+        if zero is not None:
+            factor = of_corners(numbers[k] or [0.0], domain, simplices[k])
+            found = plus(found, times(factor, value_on(zero, part)), domain)
+    return failure_in_space(found.terms, domain, found.degree, most_parts)

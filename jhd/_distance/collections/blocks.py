@@ -1,0 +1,232 @@
+"""Pairs of curves in blocks: shapes padded to few sizes, one compiled program a size, which measures pair after pair.
+
+Degrees are raised within the program, by matrices that are handed in, after coordinates were centered: so the errors
+are those that jhd._distance.normalization.curves accounts for, and one program serves curves of several degrees. What a
+pair gets depends on its two curves alone, to the last bit, and not on the block it comes in. Where a process has
+several devices each of them measures a share of a block.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import PartitionSpec
+from jaxtyping import Array
+
+from jhd._arithmetic.scaling import unit_weights
+from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of, reported
+from jhd._distance.normalization.curves import elevation_matrix, raised_degree, trusted
+from jhd._distance.normalization.directions import larger
+from jhd._distance.normalization.stopping import Aim
+from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._results.solution import DIRECTIONS, in_direction
+from jhd._runtime.arrays import varying
+from jhd._runtime.compiled import optimized
+from jhd._shapes.curve import BezierSegments
+
+# Numbers of segments that programs are compiled for, and pairs of a block: some tenths of a second of work each. A
+# program takes ten seconds to compile, and a repeated segment costs little.
+SIZES = {16: 256, 48: 256, 192: 128, 768: 32}
+
+
+class PairKind(NamedTuple):
+    """What a program is compiled for: the number of segments, the degree, the dimension, whether there are weights."""
+
+    size: int
+    degree: int
+    dim: int
+    rational: bool
+
+
+class CurveRows(NamedTuple):
+    """Curves of one size: what they are on the host, and how their degrees are raised.
+
+    Args:
+        points: control points, the last one of each segment repeated up to the degree of the program.
+        weights: likewise, or None.
+        next_segment: the joints.
+        raising: a matrix for each curve, zero where its points are repeated.
+    """
+
+    points: Any
+    weights: Any
+    next_segment: Any
+    raising: Any
+
+
+class Block(NamedTuple):
+    """Pairs of curves of one kind, and what of each distance matters.
+
+    Args:
+        a: the first curve of each pair.
+        b: the second one.
+        level: nothing up to this length matters, in the unit of the coordinates.
+        ceiling: nothing more matters above this length.
+        count: how many of the pairs are to be measured; the others fill the block.
+        method: the options.
+    """
+
+    a: CurveRows
+    b: CurveRows
+    level: Any
+    ceiling: Any
+    count: Any
+    method: BranchAndBound
+
+
+class MeasuredPairs(NamedTuple):
+    """Distances of pairs with their bounds, in the unit of the coordinates; `result` holds numbers of RESULTS."""
+
+    value: Any
+    lower: Any
+    upper: Any
+    result: Any
+    steps: Any
+
+
+def kind_of(a: BezierSegments, b: BezierSegments) -> PairKind | None:
+    """The program that measures two curves; None where they have too many segments for blocks."""
+    most = max(a.count, b.count)
+    size = next((size for size in SIZES if size >= most), None)
+    rational = a.weights is not None or b.weights is not None
+    return None if size is None else PairKind(size, raised_degree(max(a.degree, b.degree)), a.dim, rational)
+
+
+def row_of(curve: BezierSegments, kind: PairKind) -> CurveRows:
+    """One curve as a program of this kind takes it."""
+    segment = np.minimum(np.arange(kind.size), curve.count - 1)
+    slot = np.minimum(np.arange(kind.degree + 1), curve.degree)
+    points, weights = np.asarray(curve.control_points), None
+    if kind.rational:
+        weights = np.ones(points.shape[:-1], points.dtype) if curve.weights is None else np.asarray(curve.weights)
+        weights = weights[segment][:, slot]
+    raising = _raising(curve.degree, kind.degree).astype(points.dtype)
+    return CurveRows(points[segment][:, slot], weights, np.asarray(curve.next_segment)[segment], raising)
+
+
+@lru_cache(maxsize=64)
+def _raising(degree: int, target: int) -> np.ndarray:
+    matrix = np.zeros((target + 1, target + 1))
+    matrix[:, : degree + 1] = elevation_matrix(degree, target)
+    return matrix
+
+
+def block_of(rows: list[tuple[CurveRows, CurveRows]], level: Any, ceiling: Any, length: int, method: Any) -> Block:
+    """The block of these pairs, filled up to its length by repetitions that are not measured."""
+    index = np.minimum(np.arange(length), len(rows) - 1)
+    a, b = (_stacked([pair[k] for pair in rows], index) for k in range(2))
+    dtype = a.points.dtype
+    return Block(a, b, np.asarray(level, dtype)[index], np.asarray(ceiling, dtype)[index], len(rows), method)
+
+
+def _stacked(rows: list[CurveRows], index: np.ndarray) -> CurveRows:
+    return CurveRows(*(None if x[0] is None else np.stack([x[k] for k in index]) for x in zip(*rows, strict=True)))
+
+
+def measure_block(block: Block) -> MeasuredPairs:
+    """The distances of a block's pairs, each of which is measured by one of this process's devices."""
+    devices = _devices()
+    if len(devices) == 1:
+        found = _measured(block._replace(count=np.asarray(block.count)))
+        return MeasuredPairs(*(np.asarray(x)[: block.count] for x in found))
+    shares, place = _shares(block, len(devices))
+    return MeasuredPairs(*(np.asarray(x)[place] for x in _shared(devices)(shares)))
+
+
+def _devices() -> tuple[Any, ...]:
+    """The devices of this process; that one alone which the user has chosen, if any."""
+    chosen: Any = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+    return tuple(jax.local_devices()) if chosen is None else (chosen,)
+
+
+def _shares(block: Block, parts: int) -> tuple[Block, np.ndarray]:
+    """The block with its pairs dealt out like cards, and where each pair has come to lie.
+
+    Pairs that follow each other take about as long, and so do shares then.
+    """
+    length = -(-len(block.level) // parts)
+    pairs = np.minimum(np.arange(length) * parts + np.arange(parts)[:, None], len(block.level) - 1).ravel()
+    a, b, level, ceiling = jax.tree_util.tree_map(lambda x: x[pairs], (block.a, block.b, block.level, block.ceiling))
+    counts = (block.count - np.arange(parts) + parts - 1) // parts
+    pair = np.arange(block.count)
+    return Block(a, b, level, ceiling, counts, block.method), pair % parts * length + pair // parts
+
+
+@lru_cache(maxsize=4)
+def _shared(devices: tuple[Any, ...]) -> Any:
+    """`_measured` with a share of the pairs on each device, where none waits for another."""
+    shares: Any = PartitionSpec("pairs")
+    everywhere: Any = PartitionSpec()
+    places = Block(shares, shares, shares, shares, shares, everywhere)
+
+    def on_each(block: Block) -> MeasuredPairs:
+        return _measured(block._replace(count=block.count[0]))
+
+    mesh = jax.sharding.Mesh(np.array(devices), ("pairs",))
+    return optimized(jax.shard_map(on_each, mesh=mesh, in_specs=(places,), out_specs=shares))
+
+
+@optimized
+def _measured(block: Block) -> MeasuredPairs:
+    # Side by side each pair would last as long as the longest one, which serves an accelerator alone.
+    return _in_turn(block) if jax.default_backend() == "cpu" else _side_by_side(block)
+
+
+def _in_turn(block: Block) -> MeasuredPairs:
+    """Only as many pairs as there are, so that a block which is not full costs what it holds."""
+    pairs = block.a, block.b, block.level, block.ceiling
+
+    def one(k: Any, out: MeasuredPairs) -> MeasuredPairs:
+        found = _pair(jax.tree_util.tree_map(lambda x: x[k], pairs), block.method)
+        return MeasuredPairs(*(x.at[k].set(y) for x, y in zip(out, found, strict=True)))
+
+    number = jnp.zeros_like(block.level)
+    whole = jnp.zeros(number.shape, int)
+    empty = varying(MeasuredPairs(number, number, number, whole, whole), pairs)
+    return jax.lax.fori_loop(0, block.count, one, empty)
+
+
+def _side_by_side(block: Block) -> MeasuredPairs:
+    ceiling = jnp.where(jnp.arange(block.ceiling.size) < block.count, block.ceiling, -1.0)
+    return jax.vmap(lambda pair: _pair(pair, block.method))((block.a, block.b, block.level, ceiling))
+
+
+def _pair(pair: tuple[CurveRows, CurveRows, Array, Array], method: BranchAndBound) -> MeasuredPairs:
+    """Both directions of one pair, with its level and its ceiling."""
+    a, b, level, ceiling = pair
+    frame = frame_of([extremes(row.points) for row in (a, b)])
+    p, q = (_in_common(frame, row) for row in (a, b))
+    low = frame.common(level, 0.0)
+    high = jnp.where(jnp.isfinite(ceiling), frame.common(ceiling, np.inf), jnp.inf)
+
+    def one(aim: Aim, turn: Any) -> tuple[Aim, Any]:
+        found = method.directed(turn[0], turn[1], frame, aim)
+        # Below the first direction nothing matters of the second, and nothing at all where it is above the ceiling.
+        most = jnp.where(found.lower > aim.ceiling, -1.0, aim.ceiling)
+        return Aim(jnp.maximum(aim.level, found.lower), most), found
+
+    both = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), (p, q), (q, p))
+    _, found = jax.lax.scan(one, varying(Aim(low, high), both), both)
+    there, back = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
+    there, back = in_direction(there, DIRECTIONS.a_to_b), in_direction(back, DIRECTIONS.b_to_a)
+    whole = larger(reported(frame, there), reported(frame, back))
+    steps = there.stats["steps"] + back.stats["steps"]
+    return MeasuredPairs(
+        whole.value, whole.lower, whole.upper, jnp.asarray(whole.result._value, int), steps.astype(int)
+    )
+
+
+def _in_common(frame: Frame, row: CurveRows) -> BezierSegments:
+    """The curve in common coordinates, of the degree of the program; see jhd._distance.normalization.curves.prepare."""
+    points, raising = common_points(frame, row.points), row.raising
+    if row.weights is None:
+        return trusted(_raised(raising, points), None, row.next_segment)
+    weights = unit_weights(row.weights)
+    high = jnp.sum(raising * weights[:, None], axis=-1)
+    return trusted(_raised(raising, points * weights[..., None]) / high[..., None], high, row.next_segment)
+
+
+def _raised(raising: Array, points: Array) -> Array:
+    return jnp.sum(raising[:, :, None] * points[:, None], axis=-2)

@@ -1,0 +1,133 @@
+"""The nearest shapes of each query from few of the distances.
+
+Proven bounds of all pairs come from pivot distances. A shape whose lower bound is above the k-th smallest upper bound
+of a query is none of its k nearest. What is left is measured, the smallest lower bounds first, up to the best bound so
+far: a distance that turns out to be larger is not followed to its end.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd._distance.collections.pivots import PivotBounds
+from jhd._distance.collections.shapes import Collection
+from jhd._distance.collections.tasks import measured, pairs_between
+from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._results.outcomes import RESULTS
+
+# Shapes of each query that are measured in one round, at most: later rounds know better bounds.
+_WIDTH = 8
+
+
+class Standings(NamedTuple):
+    """What is known of the distances of some queries from all shapes.
+
+    Args:
+        lower: proven lower bounds (queries, shapes).
+        upper: proven upper bounds.
+        value: the distances that were measured, else NaN.
+        result: numbers of RESULTS where they were measured, else -1.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    value: np.ndarray
+    result: np.ndarray
+
+
+class Found(NamedTuple):
+    """The nearest shapes of some queries; see jhd.Neighbors."""
+
+    index: np.ndarray
+    value: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    result: np.ndarray
+    ties: list[np.ndarray]
+    computed: int
+
+
+def standings_of(bounds: PivotBounds, rows: np.ndarray, count: int, same: bool) -> Standings:
+    """What pivot distances say; of a shape and itself the distance is known to be zero."""
+    lower, upper = bounds.between(rows, np.arange(count))
+    value, result = np.full(lower.shape, np.nan), np.full(lower.shape, -1, np.int8)
+    if same:
+        own = np.arange(len(rows)), rows
+        lower[own] = upper[own] = value[own] = 0.0
+        result[own] = int(RESULTS.successful._value)
+    return Standings(lower, upper, value, result)
+
+
+def nearest_of(
+    executor: Executor,
+    collections: tuple[Collection, Collection],
+    rows: np.ndarray,
+    k: int,
+    known: Standings,
+    method: BranchAndBound,
+    report: Callable[[int, int], None],
+) -> Found:
+    """The k nearest shapes of the queries `rows`, as far as it comes where it is interrupted."""
+    done, width = 0, k
+    try:
+        while True:
+            open_ = _open(known, k)
+            query, shape = _first_of_each(open_, known.lower, width)
+            if not len(query):
+                break
+            report(done, done + int(np.sum(open_)))
+            pairs = pairs_between(rows[query], shape, ceiling=_reach(known, k)[query])
+            for index, found in measured(executor, *collections, pairs, method):
+                at = query[index], shape[index]
+                known.lower[at] = np.maximum(known.lower[at], found.lower)
+                known.upper[at] = np.minimum(known.upper[at], found.upper)
+                known.value[at], known.result[at] = found.value, found.result
+                done += len(index)
+            width = min(2 * width, max(_WIDTH, k))
+    except KeyboardInterrupt:
+        pass
+    return _named(known, k, done)
+
+
+def _reach(known: Standings, k: int) -> np.ndarray:
+    """For each query a length within which k shapes are proven to be."""
+    return np.partition(known.upper, k - 1, axis=1)[:, k - 1]
+
+
+def _open(known: Standings, k: int) -> np.ndarray:
+    """The pairs that may be among the nearest and were not measured."""
+    return (known.lower <= _reach(known, k)[:, None]) & (known.result < 0)
+
+
+def _first_of_each(open_: np.ndarray, lower: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of each query the few open shapes of smallest lower bound, as two lists of indices."""
+    query, shape = np.nonzero(open_)
+    order = np.lexsort((shape, lower[query, shape], query))
+    query, shape = query[order], shape[order]
+    place = np.arange(len(query)) - np.searchsorted(query, query)
+    return query[place < width], shape[place < width]
+
+
+def _named(known: Standings, k: int, done: int) -> Found:
+    # A copy: a view would keep the whole order of all shapes.
+    index = np.argsort(known.upper, axis=1, kind="stable")[:, :k].copy()
+    each = np.arange(len(index))[:, None]
+    codes, least = known.result[each, index].astype(int), int(RESULTS.successful._value)
+    # The first of them that is not what it should be, if any.
+    worst = codes[np.arange(len(codes)), np.argmax(codes != least, axis=1)]
+    result = np.where(np.any(_open(known, k), axis=1), int(RESULTS.interrupted._value), worst)
+    near = known.lower <= known.upper[each, index].max(axis=1)[:, None]
+    near[each, index] = False
+    ties = [np.flatnonzero(row) for row in near]
+    value, lower, upper = (x[each, index] for x in (known.value, known.lower, known.upper))
+    return Found(index, value, lower, upper, result, ties, done)
+
+
+def together(parts: list[Found]) -> Found:
+    """The findings of some queries after those of others."""
+    whole: Any = [np.concatenate(x) for x in list(zip(*parts, strict=True))[:5]]
+    index, value, lower, upper, result = whole
+    ties = [tie for part in parts for tie in part.ties]
+    return Found(index, value, lower, upper, result, ties, sum(part.computed for part in parts))

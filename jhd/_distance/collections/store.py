@@ -1,0 +1,126 @@
+"""A folder that keeps the distances of a long call part by part, so that another call goes on where it ended.
+
+A part is a file of NumPy's format beside a manifest in JSON. Each is written beside its place, forced to the disk and
+then renamed: it is whole or absent, also after a kill or a loss of power. The manifest has a fingerprint of all that
+the numbers depend on, and a folder made for something else is refused. One call at a time may write.
+"""
+
+import hashlib
+import io
+import json
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jhd._distance.collections.blocks import MeasuredPairs
+from jhd._runtime.files import replace_file
+from jhd._runtime.programs import processor, source_sum
+
+_FORMAT = "jhd pairwise 1"
+_MANIFEST = "manifest.json"
+_PART = np.dtype([("value", "<f8"), ("lower", "<f8"), ("upper", "<f8"), ("result", "<i8")])
+_PACKAGES = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax")
+
+
+class Store:
+    """The parts of one table of distances.
+
+    Args:
+        folder: is made if need be.
+        about: what the numbers depend on; see `fingerprint_of`.
+
+    Raises:
+        ValueError: the folder belongs to other numbers, or holds files that are none of a store.
+    """
+
+    def __init__(self, folder: str | Path, about: dict[str, Any]):
+        self._folder = Path(folder)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._check(about)
+
+    def _check(self, about: dict[str, Any]) -> None:
+        path, mine = self._folder / _MANIFEST, about["fingerprint"]
+        if not path.exists():
+            others = sorted(x.name for x in self._folder.iterdir() if not x.name.endswith(".partial"))
+            if others:
+                raise ValueError(f"store {self._folder} holds {others[0]} and no {_MANIFEST}; needs an empty folder.")
+            _write(path, (json.dumps(about, indent=1, sort_keys=True) + "\n").encode())
+            return
+        try:
+            known = json.loads(path.read_text(encoding="utf-8"))
+            found = known["fingerprint"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"store {self._folder}: {_MANIFEST} is none of jhd.") from error
+        if found != mine:
+            differing = [key for key in sorted(about) if key != "fingerprint" and known.get(key) != about[key]]
+            raise ValueError(
+                f"store {self._folder} was made for other inputs ({', '.join(differing)}): its fingerprint is {found}, "
+                f"that of this call {mine}. Name another folder, or call with what it was made for."
+            )
+
+    def read(self, part: int, count: int) -> MeasuredPairs | None:
+        """The distances of a part of so many pairs; None where they are not there as they should be."""
+        try:
+            rows = np.load(self._path(part), allow_pickle=False)
+        except (OSError, ValueError, EOFError):
+            return None
+        if rows.dtype != _PART or rows.shape != (count,):
+            return None
+        value, lower, upper, result = (rows[name] for name in _PART.names or ())
+        return MeasuredPairs(value, lower, upper, result, np.zeros(count, int))
+
+    def write(self, part: int, found: MeasuredPairs) -> None:
+        """Keeps a part."""
+        rows = np.empty(found.value.shape, _PART)
+        for name in _PART.names or ():
+            rows[name] = getattr(found, name)
+        body = io.BytesIO()
+        np.save(body, rows, allow_pickle=False)
+        _write(self._path(part), body.getvalue())
+
+    def _path(self, part: int) -> Path:
+        return self._folder / f"part-{part:08d}.npy"
+
+
+def fingerprint_of(collections: Sequence[Sequence[Any]], method: Any, pairs: int) -> dict[str, Any]:
+    """What the numbers of a table depend on, by name, and one sum of all of it."""
+    about = {
+        "format": _FORMAT,
+        "shapes": [len(shapes) for shapes in collections],
+        "pairs": pairs,
+        "sum of shapes": _sum_of(collections),
+        "method": f"{type(method).__name__} {_sum_of(method)}",
+        "source": source_sum(),
+        "versions": {name: _version(name) for name in _PACKAGES},
+        "device": jax.devices()[0].device_kind,
+        "precision": str(np.dtype(jax.dtypes.canonicalize_dtype(float))),
+        "processor": hashlib.sha256(processor().encode()).hexdigest(),
+    }
+    text = json.dumps(about, sort_keys=True)
+    return about | {"fingerprint": hashlib.sha256(text.encode()).hexdigest()}
+
+
+def _sum_of(tree: Any) -> str:
+    leaves, structure = jax.tree_util.tree_flatten(tree)
+    total = hashlib.sha256(str(structure).encode())
+    for leaf in leaves:
+        array = np.ascontiguousarray(leaf)
+        total.update(f"{array.dtype.str} {array.shape}\n".encode())
+        total.update(array.tobytes())
+    return total.hexdigest()
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _write(path: Path, body: bytes) -> None:
+    # Under a name of its own: what a killed call left is written over by the next one that comes to this part.
+    replace_file(path, body, path.name + ".partial")

@@ -1,0 +1,205 @@
+"""Results of `deviation`: statistics of the distance to one shape over another, with their bounds."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from jhd._distance.cells.weighted import Values, Weights, quantile_bounds, share_bounds
+from jhd._distance.project import project
+from jhd._distance.search.points import is_points
+from jhd._results.batches import AbstractSolution
+from jhd._results.solution import Bounds, HausdorffSolution, Projection, name_of, to_plain
+from jhd._runtime.arrays import real_array
+from jhd._shapes.checks import Numbers
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.mesh import TriangleMesh
+
+
+class DistanceSamples(NamedTuple):
+    """Parts that make up `a`, with bounds of the distance to `b`, for pictures and statistics.
+
+    Args:
+        point: approximate midpoints of the parts, (parts, dim).
+        lower: certified lower bounds of the distance on each part, (parts,).
+        upper: certified upper bounds of the distance on each part, (parts,).
+        fraction: bounds of the length, area or number of points of each part, (parts, 2), up to one common factor.
+        ends: bounds by two affine functions on each part, given by their values at its corners, (parts, corners, 2).
+            Both functions are constant if no better ones are known.
+    """
+
+    point: Float[np.ndarray, "parts dim"]
+    lower: Float[np.ndarray, " parts"]
+    upper: Float[np.ndarray, " parts"]
+    fraction: Float[np.ndarray, "parts 2"]
+    ends: Float[np.ndarray, "parts corners 2"]
+
+
+class Deviation(AbstractSolution):
+    """Distribution of the distance d(x, b) over x in `a`, by length, area or number of points.
+
+    All bounds are certified: lower <= exact <= upper.
+
+    Args:
+        a: the shape over which the distance is taken.
+        b: the shape to which distances are measured.
+        maximum: the largest distance: the directed Hausdorff distance, with its differentiable value.
+        mean: the mean distance.
+        rms: the root of the mean squared distance.
+        size: the length or area of `a`, in the unit of the coordinates, or the number of its points.
+        samples: the parts of `a` with their bounds, from which quantiles and fractions are computed.
+        result: the member successful of RESULTS if maximum, mean and rms reach the tolerance; otherwise the reason.
+        stats: counts of the work.
+    """
+
+    a: Any = eqx.field(metadata={"stored": False})
+    b: Any = eqx.field(metadata={"stored": False})
+    maximum: HausdorffSolution
+    mean: Bounds
+    rms: Bounds
+    size: Bounds
+    samples: DistanceSamples = eqx.field(metadata={"stored": False})
+    result: Any
+    stats: dict[str, int]
+
+    def quantile(self, q: float) -> Bounds:
+        """Bounds of the q-quantile of the distance: the least distance that a fraction q of `a` does not exceed.
+
+        The 0.5 quantile is the median. The 0.9 quantile ignores up to 10 % of outliers.
+
+        Args:
+            q: a fraction, above 0 and at most 1. It counts as reached within its rounding, 2^-50 q.
+
+        Returns:
+            Bounds of the quantile, in the unit of the coordinates.
+
+        Raises:
+            ValueError: q is out of range.
+        """
+        check_share("q", q)
+        lower, upper = quantile_bounds(self._weights(), self._values(), float(q))
+        return Bounds(lower, min(upper, float(self.maximum.upper)))
+
+    def fraction_within(self, threshold: float) -> Bounds:
+        """Bounds of the fraction of `a` whose distance to `b` is at most a threshold.
+
+        Args:
+            threshold: a length of at least 0, in the unit of the coordinates.
+
+        Returns:
+            Bounds of the fraction, between 0 and 1.
+
+        Raises:
+            ValueError: the threshold is negative or NaN.
+        """
+        if not threshold >= 0:
+            raise ValueError(f"threshold is {threshold}; needs a length of at least 0.")
+        return Bounds(*share_bounds(self._weights(), *self._values().within(threshold)))
+
+    def at(self, params: Numbers | None = None) -> Projection:
+        """Distances from given points of `a` to `b`, with bounds and foot points; differentiable like `project`.
+
+        Args:
+            params: for a curve its parameters (...,), as in a call of the curve; for a parametric surface rows (..., 2)
+                of its parameters. Leave it out for point sets and meshes, whose points or vertices are used.
+
+        Returns:
+            A Projection: distances, bounds and foot points.
+
+        Raises:
+            ValueError: `params` is missing for a curve or surface, is given for points or a mesh, or has a wrong shape.
+        """
+        return project(_points_at(self.a, params), self.b, throw=False)
+
+    def reached(self, quantile: float | None = None) -> dict[str, Bounds]:
+        """The bounds of mean, root mean square and maximum, and of a quantile if one is given.
+
+        Args:
+            quantile: a fraction, as in `quantile`.
+
+        Returns:
+            A dictionary from names, as they appear in messages, to bounds.
+        """
+        largest = Bounds(self.maximum.lower, self.maximum.upper)
+        ends = {"the mean": self.mean, "the root mean square": self.rms, "the maximum": largest}
+        return ends if quantile is None else ends | {f"the quantile {quantile:g}": self.quantile(quantile)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The bounds and the quantiles 0.5, 0.9 and 0.99 as nested dictionaries, lists, numbers and names.
+
+        Returns:
+            The entries maximum, mean, rms, size, result, stats and quantiles. Bounds have the entries lower and upper,
+            which are None if they are not certified.
+        """
+        return to_plain(self) | {"quantiles": {str(q): to_plain(self.quantile(q)) for q in (0.5, 0.9, 0.99)}}
+
+    def to_trimesh(self) -> Any:
+        """The mesh `a` as a trimesh.Trimesh, with the distances at its vertices as the vertex attribute `distance`.
+
+        Returns:
+            A trimesh.Trimesh.
+
+        Raises:
+            TypeError: `a` is not a mesh.
+            ImportError: trimesh is not installed.
+        """
+        made = self._mesh().to_trimesh()
+        made.vertex_attributes["distance"] = np.asarray(self.at().distance)
+        return made
+
+    def to_pyvista(self) -> Any:
+        """The mesh `a` as a pyvista.PolyData, with the distances at its vertices as the point array `distance`.
+
+        Returns:
+            A pyvista.PolyData.
+
+        Raises:
+            TypeError: `a` is not a mesh.
+            ImportError: PyVista is not installed.
+        """
+        data = self._mesh().to_pyvista()
+        data.point_data["distance"] = np.asarray(self.at().distance)
+        return data
+
+    def _mesh(self) -> TriangleMesh:
+        if not isinstance(self.a, TriangleMesh):
+            raise TypeError(
+                f"a is {type(self.a).__name__}; needs a TriangleMesh: measure a.to_mesh(tolerance).shape instead."
+            )
+        return self.a
+
+    def _weights(self) -> Weights:
+        return Weights(self.samples.fraction[:, 0], self.samples.fraction[:, 1])
+
+    def _values(self) -> Values:
+        return Values(self.samples.lower, self.samples.upper, self.samples.ends)
+
+    def __float__(self) -> float:
+        return self.mean.value
+
+    def __repr__(self) -> str:
+        rows = {"maximum": self.maximum, "rms": self.rms, "mean": self.mean, "median": self.quantile(0.5)}
+        text = ", ".join(f"{name} in {x:.6g}" for name, x in rows.items())
+        return f"Deviation({text},\n  {len(self.samples.lower)} parts, {name_of(self.result)})"
+
+
+def check_share(name: str, q: float) -> None:
+    """Raises ValueError unless q is a fraction above 0 and at most 1."""
+    if not 0 < q <= 1:
+        raise ValueError(f"{name} is {q}; needs a number above 0 and at most 1.")
+
+
+def _points_at(shape: Any, params: Any) -> Array:
+    if isinstance(shape, TriangleMesh) or is_points(shape):
+        if params is not None:
+            raise ValueError("params is for curves and surfaces; leave it out for meshes (vertices) and points.")
+        return shape.vertices if isinstance(shape, TriangleMesh) else shape.segments().control_points[:, 0]
+    if params is None:
+        raise ValueError("params is missing: pass the parameters of the curve or surface at which to measure.")
+    rows = real_array("params", params)
+    if isinstance(shape, AbstractCurve):
+        return shape(rows)
+    if rows.ndim == 0 or rows.shape[-1] != 2:
+        raise ValueError(f"params has shape {rows.shape}; needs (..., 2), the two parameters of a surface.")
+    return shape(rows[..., 0], rows[..., 1])

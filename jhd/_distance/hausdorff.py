@@ -1,0 +1,190 @@
+"""Entry points for directed and two-sided Hausdorff distances of two shapes."""
+
+import math
+from typing import Any
+
+from jhd._distance.decisions import checked_limit, decided, of_copies
+from jhd._distance.normalization.method import AbstractHausdorffMethod, check_serves
+from jhd._distance.pairs import pair_of
+from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, sized_by_method
+from jhd._results.solution import (
+    Decision,
+    HausdorffSolution,
+    on_device,
+    throw_unless_successful,
+)
+from jhd._runtime.arrays import same_arrays
+from jhd._shapes.checks import Numbers
+from jhd.progress import Callback
+
+
+@sized_by_method
+def directed_hausdorff(
+    a: Any,
+    b: Any,
+    method: AbstractHausdorffMethod | None = None,
+    *,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
+    throw: bool = True,
+    progress: Callback | None = None,
+) -> HausdorffSolution:
+    """Directed Hausdorff distance from `a` to `b`, with certified bounds.
+
+        h(a, b) = max over p in a of min over q in b of |p - q|
+
+    The result refers to the stored numbers (Bezier segments, coefficients, triangles), taken as real numbers.
+
+    Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. Meshes,
+    parametric surfaces and mixed pairs are searched by a host call, also under jit.
+
+    The value is differentiable twice in all arrays of both shapes. CubeIntervals() has no derivatives.
+
+    If the distance is constant on a region of `a` (for example a shape and its offset), the cost grows like diagonal /
+    gap for parametric surfaces and mixed pairs. The bounds are then true but wider, with RESULTS.nonisolated_maxima.
+
+    >>> import jhd
+    >>> found = jhd.directed_hausdorff(jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 3)]))
+    >>> float(found.value), bool(found.lower <= 5 <= found.upper), found.witness.point.tolist()
+    (5.0, True, [4.0, 0.0])
+
+    Args:
+        a: the shape on which the farthest point is sought: points (`jhd.point_set`), a curve, a parametric surface
+            (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, a mesh, or an object that `jhd.as_shape`
+            accepts.
+        b: the shape to which distances are measured, of any of these kinds and of the same dimension.
+        method: the method with its options; by default BranchAndBound(), which serves all shapes. The methods in
+            `jhd.published` are for comparison: CubeIntervals() serves implicit surfaces, outside jit, TwoStep() serves
+            curves, and BiarcTrimming() and AlgebraicEvents() serve polynomial curves in the plane, outside jit.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
+            units in the last place) of the diagonal of the joint bounding box. With another method than the default,
+            give its options to the method instead.
+        throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
+        progress: a function that is called with a Progress from time to time;
+            ignored under jit. Ctrl-C ends the search with the bounds reached and RESULTS.interrupted.
+
+    Returns:
+        A HausdorffSolution: value, bounds and witness, in the unit of the coordinates.
+
+    Raises:
+        TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
+            together with a method.
+        ValueError: the dimensions differ, or a surface is certified to be empty in its box.
+        NotProvenError: the method failed or was interrupted, and `throw` is True. The exception carries the solution.
+    """
+    pair = pair_of(a, b, chosen_method(method, rtol, atol), progress)
+    return _finish(pair.finished(pair.measured()), throw)
+
+
+@sized_by_method
+def hausdorff(
+    a: Any,
+    b: Any,
+    method: AbstractHausdorffMethod | None = None,
+    *,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
+    throw: bool = True,
+    progress: Callback | None = None,
+) -> HausdorffSolution:
+    """Hausdorff distance of `a` and `b` (the larger of both directed distances), with certified bounds.
+
+    The witness has a `direction`: `a_to_b` or `b_to_a`, and `a_to_b` at a tie. `directions` holds both directed
+    distances. The search from `b` to `a` stops once its distance is known not to exceed the first one. Its bounds are
+    then true but may be wide. The derivative is the derivative of the larger directed distance; see
+    `directed_hausdorff`.
+
+    >>> import jhd
+    >>> found = jhd.hausdorff(jhd.point_set([(0, 3)]), jhd.point_set([(0, 0), (4, 0)]))
+    >>> float(found.value), jhd.DIRECTIONS[found.direction]
+    (5.0, 'The point lies on b, its foot points on a.')
+
+    Args:
+        a: points (`jhd.point_set`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+            ImplicitSurface, a mesh, or an object that `jhd.as_shape` accepts.
+        b: a shape of any of these kinds and of the same dimension.
+        method: the method with its options; by default BranchAndBound(), which serves all shapes. The methods in
+            `jhd.published` are for comparison: CubeIntervals() serves implicit surfaces, outside jit, TwoStep() serves
+            curves, and BiarcTrimming() and AlgebraicEvents() serve polynomial curves in the plane, outside jit.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
+            units in the last place) of the diagonal of the joint bounding box. With another method than the default,
+            give its options to the method instead.
+        throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
+        progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
+
+    Returns:
+        A HausdorffSolution: value, bounds, witness and both directions, in the unit of the coordinates.
+
+    Raises:
+        TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
+            together with a method.
+        ValueError: the dimensions differ, or a surface is certified to be empty in its box.
+        NotProvenError: the method failed or was interrupted, and `throw` is True. The exception carries the solution.
+    """
+    pair = pair_of(a, b, chosen_method(method, rtol, atol), progress)
+    there, back = pair.both()
+    return _finish(pair.larger(pair.reported(there), pair.reported(back)), throw)
+
+
+@sized_by_method
+def hausdorff_at_most(
+    a: Any,
+    b: Any,
+    threshold: Numbers,
+    method: AbstractHausdorffMethod | None = None,
+    *,
+    directed: bool = False,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
+    progress: Callback | None = None,
+) -> Decision:
+    """Whether the Hausdorff distance is at most a threshold: certified yes, certified no, or undecided.
+
+    This is the search for the distance, stopped as soon as both bounds are on one side of the threshold. It takes few
+    steps unless the distance is close to the threshold. A shape and a copy of its numbers have distance 0.
+
+    >>> import jhd
+    >>> bool(jhd.hausdorff_at_most(jhd.point_set([(0, 3)]), jhd.point_set([(0, 0), (4, 0)]), 4))
+    False
+
+    Args:
+        a: points (`jhd.point_set`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+            ImplicitSurface, a mesh, or an object that `jhd.as_shape` accepts.
+        b: a shape of any of these kinds and of the same dimension.
+        threshold: a length of at least 0, in the unit of the coordinates.
+        method: options of the search, a BranchAndBound. The search gives up (undecided) when its tolerance is reached.
+        directed: whether to test the directed distance from `a` to `b` only; by default False.
+        rtol: relative tolerance at which the search gives up; see `hausdorff`.
+        atol: absolute tolerance at which the search gives up; see `hausdorff`.
+        progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
+
+    Returns:
+        A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
+
+    Raises:
+        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with
+            a method.
+        ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
+            or not one number.
+    """
+    method = chosen_method(method, rtol, atol)
+    # It proves both bounds, and ends where they say enough.
+    check_serves(method, a, b, (BranchAndBound,))
+    pair, limit = pair_of(a, b, method, progress), checked_limit(threshold)
+    # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.
+    level, ceiling = pair.length(limit, 0.0), pair.length(limit, math.inf)
+    if directed:
+        found = pair.reported(pair.measured(level=level, ceiling=ceiling))
+    else:
+        there, back = pair.both(level, ceiling)
+        found = pair.larger(pair.reported(there), pair.reported(back))
+    return decided(of_copies(found) if same_arrays(a, b) else found, limit)
+
+
+def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:
+    solution = on_device(solution)
+    if throw:
+        throw_unless_successful(solution)
+    return solution

@@ -1,0 +1,236 @@
+"""Entry points for the minimum distance of two shapes."""
+
+from dataclasses import replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jhd._arithmetic.rounding import smallest_normal
+from jhd._distance.decisions import checked_limit, decided
+from jhd._distance.normalization.method import check_serves
+from jhd._distance.normalization.nets import net_of
+from jhd._distance.normalization.stopping import default_tolerance
+from jhd._distance.project import project
+from jhd._distance.published.voxel_pairs import VoxelPairs
+from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, sized_by_method
+from jhd._distance.search.closest_triangles import as_mesh, of_meshes
+from jhd._distance.search.dispatch import diagonal_of
+from jhd._distance.search.implicit_minimum import with_surface
+from jhd._distance.search.nets import of_nets
+from jhd._distance.search.points import is_points, nearest_points, point_mesh
+from jhd._distance.search.search import Threshold
+from jhd._distance.witness.balance import apart
+from jhd._results.solution import RESULTS, Decision, MinimumSolution, throw_unless_successful
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._shapes.as_shape import check_shape, taken_as
+from jhd._shapes.checks import Numbers, check_same_dim
+from jhd._shapes.curve import AbstractCurve, BezierSegments
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.prepared import working
+from jhd.progress import Callback
+
+# From this many points on a set of them is searched by a tree, or thinned out before the search.
+_FEW = 256
+
+
+@sized_by_method
+def minimum_distance(
+    a: Any,
+    b: Any,
+    method: BranchAndBound | VoxelPairs | None = None,
+    *,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
+    throw: bool = True,
+    progress: Callback | None = None,
+) -> MinimumSolution:
+    """Minimum distance of two shapes, min |p - q| over p in a and q in b, with certified bounds.
+
+    The result refers to the stored arrays, taken as real numbers. Shapes that meet have distance zero: `lower` is then
+    0, and `upper` is the rounding error between the two points found, at most the tolerance.
+
+    The value and both points are differentiable in both shapes. If several pairs are equally near, the derivative is
+    the derivative for the pair found. At distance zero the derivative is zero by convention. Works under jit, vmap and
+    grad. There, checks of values are skipped and `throw` is ignored: read `result`.
+
+    If the nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap. The
+    bounds are then true but wider, with RESULTS.nonisolated_maxima. Outside jit the cost grows far more slowly if the
+    shapes stay apart: for curves, parametric surfaces, and implicit surfaces with shapes of up to 64 pieces.
+
+    Method: pairs of cells are bounded by the hulls of their control points along the line that joins them. A pair is
+    discarded if the gradient of the distance excludes a minimum, and closed if the distance is convex on it.
+
+    - Points are projected one by one onto curves and surfaces outside jit, up to rounding and without reporting
+      progress.
+    - A mesh is a surface, not the solid that it may bound. For a mesh inside another one, the result is the distance of
+      the surfaces.
+    - Two meshes, or a mesh with points or a polyline, use a host search. It measures the relevant pairs of triangles in
+      rational arithmetic: the bounds are adjacent floats, and meshes that meet have `upper` 0. Only if very many pairs
+      are equally near does the tolerance apply. Under jit and vmap the compiled function calls this search on the host.
+    - Next to other shapes, triangles are handled as patches. Next to an implicit surface, the triangles that may be
+      nearest are selected first, so thousands of pieces are possible. If an edge of a large mesh crosses the surface,
+      `upper` is 0 up to the smallest floats.
+
+    >>> from jhd._shapes.curve import circle
+    >>> found = minimum_distance(circle([0, 0], 3.0), circle([0, 7], 2.0))
+    >>> bool(found.lower <= 2.0 <= found.upper), bool(found.upper - found.lower < 1e-8)
+    (True, True)
+
+    Args:
+        a: points (`jhd.point_set`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+            ImplicitSurface (clipped to its box), a TriangleMesh, or an object that `jhd.as_shape` accepts.
+        b: a shape of any of these kinds and of the same dimension.
+        method: BranchAndBound(...), the default, or VoxelPairs(...) for surfaces and meshes, whose result is
+            RESULTS.not_certified and never raises. A step is sixteen pairs of cells; for meshes, a block of pairs or
+            one exact pair. `queue_size` is the initial number of pairs in it.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; the default is described at
+            BranchAndBound. A tolerance cannot be combined with `method`.
+        throw: whether to raise NotProvenError if the bounds do not close; by default True.
+        progress: a function that is called with a Progress from time to time; ignored under jit. Ctrl-C ends the search
+            with the bounds reached and RESULTS.interrupted.
+
+    Returns:
+        A MinimumSolution: the distance, its bounds and the nearest points.
+
+    Raises:
+        TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
+            together with a method.
+        ValueError: the dimensions differ, a surface is certified to be empty in its box, or a tolerance is negative.
+        NotProvenError: the bounds did not close, and `throw` is True. The exception carries the solution.
+
+    Source: Lin & Wang, 3D signed Euclidean distance transform and its applications, section on the minimum distance
+    (the problem; their method is VoxelPairs, which certifies nothing).
+    """
+    a, b = taken_as("a", a), taken_as("b", b)
+    for name, shape in (("a", a), ("b", b)):
+        check_shape(name, shape)
+    method = chosen_method(method, rtol, atol)
+    check_serves(method, a, b, (BranchAndBound, VoxelPairs))
+    check_same_dim(a.dim, b.dim)
+    solution = method.minimum(a, b) if isinstance(method, VoxelPairs) else _searched(a, b, method, progress)
+    if throw:
+        throw_unless_successful(solution)
+    return solution
+
+
+def minimum_at_most(
+    a: Any,
+    b: Any,
+    threshold: Numbers,
+    method: BranchAndBound | None = None,
+    *,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
+    progress: Callback | None = None,
+) -> Decision:
+    """Whether the minimum distance is at most a threshold: certified yes, certified no, or undecided.
+
+    This is the search of `minimum_distance`. Outside jit it stops once both bounds are on one side of the threshold.
+    Under jit it runs to its end.
+
+    >>> from jhd._shapes.curve import circle
+    >>> bool(minimum_at_most(circle([0, 0], 3.0), circle([0, 7], 2.0), 1.5))
+    False
+
+    Args:
+        a: points (`jhd.point_set`), a curve, a parametric surface, an ImplicitSurface, a TriangleMesh, or an object
+            that `jhd.as_shape` accepts.
+        b: a shape of any of these kinds and of the same dimension.
+        threshold: a length of at least 0, in the unit of the coordinates.
+        method: options of the search, a BranchAndBound. The search gives up (undecided) when its tolerance is reached.
+        rtol: relative tolerance at which the search gives up; see `minimum_distance`.
+        atol: absolute tolerance at which the search gives up; see `minimum_distance`.
+        progress: a function that is called with a Progress from time to time; see `minimum_distance`.
+
+    Returns:
+        A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
+
+    Raises:
+        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with
+            a method.
+        ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
+            or not one number.
+    """
+    limit, method = checked_limit(threshold), chosen_method(method, rtol, atol)
+    check_serves(method, a, b, (BranchAndBound,))
+    hears = progress if is_traced(limit) else Threshold(float(limit), progress)
+    return decided(minimum_distance(a, b, method, throw=False, progress=hears), limit)
+
+
+def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
+    if is_points(b) and not is_points(a):
+        return _turned(_searched(b, a, method, progress))
+    if is_points(a) and not is_tracing(undifferentiated((a, b)), method):
+        return _of_points(a, b, method, progress)
+    if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
+        first, second = as_mesh(a), as_mesh(b)
+        if first is not None and second is not None:
+            return of_meshes(first, second, method, progress)
+    return _of_pieces(a, b, method, progress)
+
+
+def _of_pieces(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
+    """By the searches over pairs of pieces, one way round for both orders of the shapes: it is the same program."""
+    if _order(a) > _order(b):
+        return _turned(_of_pieces(b, a, method, progress))
+    engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
+    return engine(a, b, method, progress)
+
+
+def _order(shape: Any) -> tuple[int, ...]:
+    """The place of a shape's kind and sizes among those of others."""
+    if isinstance(shape, ImplicitSurface):
+        return (1,)
+    net = net_of(shape)
+    return (0, *net.points.shape[1:3], net.weights is not None, net.points.shape[0])
+
+
+def _turned(found: MinimumSolution) -> MinimumSolution:
+    return replace(found, point_a=found.point_b, point_b=found.point_a)
+
+
+def _of_points(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
+    """Of known points: each by itself; among themselves and with meshes as a mesh of those that may be nearest."""
+    large = [is_points(shape) and shape.count > _FEW for shape in (a, b)]
+    first = _thinned(a, b) if large[0] else a
+    if not is_points(b) and not isinstance(b, TriangleMesh):
+        return _nearest_of(first, b, method)
+    second = _thinned(b, first) if large[1] else b
+    p, q = (shape if isinstance(shape, TriangleMesh) else point_mesh(shape) for shape in (first, second))
+    found = of_meshes(p, q, method, progress)
+    return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
+
+
+def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolution:
+    """The nearest of some points, each of which is projected."""
+    rows = points.control_points[:, 0]
+    found = project(rows, shape, throw=False)
+    lower, upper = (np.asarray(undifferentiated(x)) for x in (found.lower, found.upper))
+    k, least = int(np.argmin(upper)), np.min(lower)
+    size = diagonal_of(*undifferentiated((points, shape)))
+    default = default_tolerance(size, lower.dtype, 0.0)
+    allowed = max(float(default if method.atol is None else method.atol), float(method.rtol * upper[k]))
+    # Of those that may be nearer some may be proven less well than they could be.
+    ends = np.asarray(found.result._value)[lower <= upper[k]]
+    closed = np.all(ends == int(RESULTS.successful._value)) or upper[k] - least <= allowed
+    ended = RESULTS.gap_not_closed if np.isfinite(upper[k]) else RESULTS.existence_not_certified
+    ended = RESULTS.successful if closed else ended
+    stats = {"steps": jnp.array(1), "pairs": jnp.array(len(rows)), "waiting": jnp.array(0)}
+    bounds = jnp.asarray(least), jnp.asarray(upper[k])
+    solution = MinimumSolution(found.distance[k], *bounds, rows[k], found.foot[k], ended, stats)
+    told = apart(undifferentiated(solution), undifferentiated(solution.value) / max(size, smallest_normal(lower.dtype)))
+    return replace(solution, value=jnp.where(told, solution.value, undifferentiated(solution.value)))
+
+
+def _thinned(points: Any, shape: Any) -> Any:
+    """The points that may be nearest to a shape; of a curve by its nearest points, each place once."""
+    if not isinstance(shape, AbstractCurve) or is_points(shape):
+        return nearest_points(points, working(shape))
+    rows = np.asarray(undifferentiated(points).control_points)[:, 0]
+    found = project(rows, undifferentiated(shape), throw=False)
+    near = np.flatnonzero(np.asarray(found.lower) <= np.min(np.asarray(found.upper)))
+    first = np.unique(rows[near], axis=0, return_index=True)[1]
+    return BezierSegments(points.control_points[near[np.sort(first)]])

@@ -1,0 +1,148 @@
+"""Nearest points of a triangle mesh, with proven bounds.
+
+Where all numbers are known the tree of jhd._triangles.closest_point is searched from the host. Under tracing every
+triangle is looked at: the work is that of all pairs, in blocks that bound the memory, and the proof is the same. The
+published local search, VertexVoxels, is there for comparison.
+"""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array
+
+from jhd._arithmetic.rounding import largest, round_down, round_up, smallest_normal
+from jhd._arithmetic.scaling import common_exponent, ldexp, times_two_to
+from jhd._results.solution import RESULTS, Projection, result_where
+from jhd._runtime.arrays import is_traced, real_array, undifferentiated, varying
+from jhd._shapes.checks import Numbers
+from jhd._shapes.mesh import TriangleMesh
+from jhd._triangles.closest_point import ClosestPoints, closest_points
+from jhd._triangles.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
+
+# Points and triangles whose pairs are formed at once under tracing.
+_POINTS, _TRIANGLES = 128, 512
+
+
+class AbstractMeshSearch(eqx.Module):
+    """How the nearest points of a mesh are found where that is not the exact search; fields are options."""
+
+    @abstractmethod
+    def search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
+        """The points found for queries (points, 3), all numbers known."""
+
+
+def nearest_on_mesh(queries: Array, mesh: TriangleMesh, method: object = None) -> Projection:
+    """Nearest points of a mesh, as constants; see jhd.project.
+
+    Args:
+        queries: (..., 3), as `checked_points` gives them.
+        mesh: the mesh.
+        method: None for the exact search, or the published one.
+
+    Raises:
+        TypeError: another method, or VertexVoxels under tracing.
+        ValueError: a grid of more voxels than the capacity.
+    """
+    if method is not None and not isinstance(method, AbstractMeshSearch):
+        accepted = "None for meshes, which is the exact search, or VertexVoxels"
+        raise TypeError(f"method must be {accepted}; got {type(method).__name__}.")
+    batch = queries.shape[:-1]
+    fixed, still = undifferentiated((queries.reshape(-1, 3), mesh))
+    if not is_traced(fixed, still):
+        known = np.asarray(fixed)
+        found = _known(closest_points(still, known) if method is None else method.search(known, still), still)
+    elif method is None:
+        found = _traced(fixed, still)
+    else:
+        raise TypeError("VertexVoxels runs on the host, not under jit or vmap; method=None is traced.")
+    return jax.tree_util.tree_map(lambda x: jnp.asarray(x).reshape((*batch, *x.shape[1:])), found)
+
+
+def checked_points(points: Numbers) -> Array:
+    """The points as an array (..., 3).
+
+    Raises:
+        TypeError: not real numbers.
+        ValueError: not finite, empty, or not in space.
+    """
+    queries = real_array("points", points)
+    if queries.ndim == 0 or queries.shape[-1] != 3:
+        raise ValueError(f"points has shape {queries.shape}; needs (..., 3).")
+    if queries.size == 0:
+        raise ValueError(f"points is empty: its shape is {queries.shape}.")
+    return queries
+
+
+def _known(found: ClosestPoints, mesh: TriangleMesh) -> Projection:
+    count = len(found.distance)
+    result = jax.tree_util.tree_map(lambda x: np.broadcast_to(np.asarray(x), count), RESULTS.successful)
+    segment = jnp.asarray(found.triangle.astype(np.asarray(mesh.triangles).dtype))
+    lengths = (jnp.asarray(x) for x in (found.distance, found.lower, found.upper, found.foot))
+    return Projection(*lengths, segment=segment, t=jnp.asarray(found.t), result=result)
+
+
+def _traced(points: Array, mesh: TriangleMesh) -> Projection:
+    good, corners = jnp.all(jnp.isfinite(points), axis=-1), mesh.corners
+    if is_traced(mesh):
+        good = good & jnp.all(jnp.isfinite(corners))
+        corners = jnp.where(jnp.isfinite(corners), corners, 0.0)
+    else:
+        corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
+    points = jnp.where(good[:, None], points, 0.0)
+    exponent = common_exponent(corners, points)
+    points, corners = ldexp(points, -exponent), ldexp(corners, -exponent)
+    found = frames(corners, corners.dtype)
+    factor = error_factor(found.defect, corners.dtype)
+    square, triangle = _all_pairs(points, found.table)
+    t = barycentric(points, found.table[triangle], found.turn[triangle])
+    foot = jnp.sum(t[:, :, None] * corners[triangle], axis=1)
+    distance = jnp.sqrt(square)
+    error = round_up(round_up(factor * (distance + 2 * found.longest)) + absolute_floor(corners.dtype))
+    nu, most = smallest_normal(corners.dtype), largest(corners.dtype)
+    lower = times_two_to(jnp.maximum(round_down(distance - error), 0.0), exponent)
+    lower = jnp.where(lower < 2 * nu, 0.0, jnp.minimum(lower, most))
+    upper = jnp.maximum(times_two_to(round_up(distance + error), exponent), 2 * nu)
+    result = jax.vmap(lambda g: result_where(g, RESULTS.successful, RESULTS.nonfinite_value))(good)
+    return Projection(
+        distance=jnp.where(good, times_two_to(distance, exponent), jnp.inf),
+        lower=jnp.where(good, lower, 0.0),
+        upper=jnp.where(good, upper, jnp.inf),
+        foot=times_two_to(foot, exponent),
+        segment=triangle.astype(mesh.triangles.dtype),
+        t=t,
+        result=result,
+    )
+
+
+def _all_pairs(points: Array, table: Array) -> tuple[Array, Array]:
+    """Least squared distances over all rows of the table, and the first row that has each."""
+    blocks = _blocks(table, _TRIANGLES)
+    starts = jnp.arange(blocks.shape[0]) * blocks.shape[1]
+
+    def of_chunk(chunk: Array) -> tuple[Array, Array]:
+        def step(best: tuple[Array, Array], block: tuple[Array, Array]) -> tuple[tuple[Array, Array], None]:
+            rows, start = block
+            squares = squared_distances(chunk[:, None, :], rows)
+            index = jnp.argmin(squares, axis=1)
+            least = jnp.min(squares, axis=1)
+            better = least < best[0]
+            return (jnp.where(better, least, best[0]), jnp.where(better, start + index, best[1])), None
+
+        start = (jnp.full(chunk.shape[0], jnp.inf, chunk.dtype), jnp.zeros(chunk.shape[0], int))
+        return lax.scan(step, varying(start, chunk, table), (blocks, starts))[0]
+
+    square, index = lax.map(of_chunk, _blocks(points, _POINTS))
+    count = points.shape[0]
+    return square.reshape(-1)[:count], jnp.minimum(index.reshape(-1)[:count], table.shape[0] - 1)
+
+
+def _blocks(rows: Array, most: int) -> Array:
+    """The rows in blocks of equal length, the last one repeated where they do not fill the last block."""
+    count = rows.shape[0]
+    size = min(most, count)
+    index = np.minimum(np.arange(-(-count // size) * size), count - 1)
+    return rows[index].reshape(-1, size, rows.shape[-1])

@@ -1,0 +1,323 @@
+"""The proven distance from a point to an implicit surface in its box, and what a search of any kind starts from.
+
+A best-first search over boxes: those where the polynomial has no zero go, of the others the lower bounds of
+jhd._distance.cells.surfaces are kept, and the nearest is cut into eight. Their smallest bound is a bound of the
+distance at every moment; a proven foot ends the search when it is as near.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jhd._arithmetic.rounding import gamma, like_double, round_up, smallest_normal, unit_roundoff
+from jhd._distance.nearest.forms import Boxes, Form, box_distances, boxes, finite_or_zero, form, lower_bounds, positive
+from jhd._distance.nearest.surface_points import local_feet, projected, proven_radius, reach, thorough_radius
+from jhd._distance.normalization.surfaces import Side
+from jhd._runtime.arrays import module_of, varying
+
+# Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
+_GRID, _PLACES = 8, 12
+CLOUD_STEPS = 7
+# Open cells of one search at least, and cells cut in a step.
+CAPACITY, _LANES = 2048, 16
+# Steps at most for so many open cells, and in proportion for more.
+_MAX_STEPS = 300
+# Cells of this width are not cut any more: a few units of roundoff of the coordinates.
+_NARROW = 2.0**-48
+# Places of a cloud that feet are looked for from, and Newton steps for feet.
+_STARTS, _FOOT_STEPS = 8, 5
+# Least gap, in units of roundoff.
+_CLOSE = 16
+# Half sides of the cubes about a foot in which it may be proven to be the nearest point, as shares of the box.
+_CUBES = 2.0 ** -np.arange(1.0, 9.0)
+
+
+class Cover(NamedTuple):
+    """Boxes that hold all of a surface: corners, and which of them may hold a point of it."""
+
+    lower: Float[Array, "3 cells"]
+    upper: Float[Array, "3 cells"]
+    alive: Bool[Array, " cells"]
+
+
+class SurfaceCloud(NamedTuple):
+    """Points close to a surface: each has one of it within its radius, which is infinite where none is proven."""
+
+    points: Float[Array, "3 points"]
+    radius: Float[Array, " points"]
+
+
+class NearestOnSurface(NamedTuple):
+    """Bounds of a distance and a proven foot, whose distance is `upper` but for its radius and rounding."""
+
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
+    foot: Float[Array, "3"]
+    steps: Int[Array, ""]
+
+
+def cover(side: Side) -> Cover:
+    """A grid over the box."""
+    low, high = (jnp.asarray(x) for x in grid(side))
+    return Cover(low, high, form(side, boxes(low, high)).may_vanish)
+
+
+def grid(side: Side) -> tuple[Any, Any]:
+    """Lower and upper corners (3, cells) of cells of the box; neighboring ones share the floats of their common ends.
+
+    In NumPy where the box is.
+    """
+    xp = module_of(side.lower)
+    lower, upper = xp.asarray(side.lower)[:, None], xp.asarray(side.upper)[:, None]
+    shares = (np.arange(_GRID + 1) / _GRID).astype(lower.dtype)
+    inside = xp.clip(lower + (upper - lower) * shares, lower, upper)
+    cuts = xp.where(shares == 0, lower, xp.where(shares == 1, upper, inside))
+    index = np.indices((_GRID,) * 3).reshape(3, -1)
+    low, high = (xp.stack([cuts[i][index[i] + k] for i in range(3)]) for k in (0, 1))
+    return low, high
+
+
+def cloud(side: Side) -> SurfaceCloud:
+    """Points of the surface inside the box, on its faces and on its edges, and isolated ones."""
+    starts, fixed = starts_of_cloud(side)
+    found = projected(side, jnp.asarray(starts), jnp.asarray(fixed), CLOUD_STEPS)
+    return SurfaceCloud(found, proven_radius(side, found))
+
+
+def starts_of_cloud(side: Side) -> tuple[Any, Any]:
+    """Places (3, places) that a cloud is made from, and the coordinates that they keep; in NumPy where the box is."""
+    xp = module_of(side.lower)
+    lower, upper = xp.asarray(side.lower)[:, None], xp.asarray(side.upper)[:, None]
+    shares, fixed = _places()
+    shares = shares.astype(lower.dtype)
+    starts = xp.where(shares == 0, lower, xp.where(shares == 1, upper, lower + (upper - lower) * shares))
+    known = xp.asarray(side.isolated.center).T
+    return xp.concatenate([starts, known], axis=1), np.concatenate([fixed, np.ones(known.shape, bool)], axis=1)
+
+
+def _places() -> tuple[np.ndarray, np.ndarray]:
+    """Places in the unit cube, its faces, edges and corners, and the coordinates that these fix."""
+    inner = (np.arange(_PLACES) + 0.5) / _PLACES
+    rows, fixed = [], []
+    for held in np.ndindex(2, 2, 2):
+        axes = [np.array([0.0, 1.0]) if h else inner for h in held]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
+        rows.append(grid)
+        fixed.append(np.broadcast_to(np.array(held, bool)[:, None], grid.shape))
+    return np.concatenate(rows, axis=1), np.concatenate(fixed, axis=1)
+
+
+def halved(lower: Float[Any, "3 cells"], upper: Float[Any, "3 cells"]) -> tuple[Any, Any]:
+    """The eight parts of each cell, arrays (3, 8 cells); the parts share the floats where they meet."""
+    xp = module_of(lower)
+    middle = xp.clip(0.5 * (lower + upper), lower, upper)
+    corners = np.indices((2, 2, 2)).reshape(3, 8, 1)
+    low = xp.where(corners == 0, lower[:, None], middle[:, None])
+    high = xp.where(corners == 0, middle[:, None], upper[:, None])
+    return low.reshape(3, -1), high.reshape(3, -1)
+
+
+def inner(side: Side, lower: Any, upper: Any) -> Any:
+    """The coordinates in which cells do not touch the box."""
+    xp = module_of(lower)
+    return (lower > xp.asarray(side.lower)[:, None]) & (upper < xp.asarray(side.upper)[:, None])
+
+
+class _SurfaceQuery(NamedTuple):
+    rows: Array  # (capacity, 6)
+    bound: Array  # inf where free
+    closed: Array  # smallest bound of what was dropped
+    upper: Array
+    foot: Array
+    steps: Array
+
+
+def nearest(
+    side: Side,
+    cover: Cover,
+    point: Float[Array, "3"],
+    starts: Float[Array, "3 points"],
+    least: Float[Array, ""],
+    close: Float[Array, ""],
+    capacity: int = CAPACITY,
+    most: Array | int | None = None,
+) -> NearestOnSurface:
+    """Bounds of the distance from a point to the surface.
+
+    From the axis of a torus a whole circle is as near: the gap that remains is the smaller the more room there is.
+
+    Args:
+        side: the surface.
+        cover: boxes that hold all of it.
+        point: the point.
+        starts: places near which feet are looked for.
+        least: the search ends as soon as the distance is proven to be at most this.
+        close: and as soon as both bounds are as close as this, or as rounding lets them be.
+        capacity: open cells that there is room for; steps follow it.
+        most: number of open cells beyond which the search stops with valid, wider bounds; None means never.
+    """
+    max_steps = _MAX_STEPS * capacity // CAPACITY
+    most = capacity if most is None else most
+    u = unit_roundoff(point.dtype)
+
+    def better(state: _SurfaceQuery, places: Array) -> tuple[Array, Array]:
+        found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
+        # Where the gradient vanishes Newton's method leads away, and a cell itself is near the surface.
+        far, foot = nearest_proven(side, point, jnp.concatenate([found, places], axis=1))
+        # Of two as near but for rounding the later foot counts: what is proven about it needs more digits of it.
+        nearer = jnp.isfinite(far) & (far <= state.upper + 8 * u * (1 + far))
+        return jnp.minimum(far, state.upper), jnp.where(nearer, foot, state.foot)
+
+    def target(state: _SurfaceQuery) -> Array:
+        upper = state.upper
+        least_gap = jnp.maximum(close, _CLOSE * u * (1 + jnp.where(jnp.isfinite(upper), upper, 0.0)))
+        return jnp.minimum(upper - least_gap, state.closed)
+
+    def open_(state: _SurfaceQuery) -> Array:
+        lowest = jnp.min(state.bound)
+        few = jnp.sum(state.bound < target(state)) <= most
+        return (lowest < target(state)) & (state.upper > least) & (state.steps < max_steps) & few
+
+    def step(state: _SurfaceQuery) -> _SurfaceQuery:
+        _, index = jax.lax.top_k(-state.bound.astype(jnp.float32), _LANES)
+        taken, parents = state.rows[index].T, state.bound[index]
+        live = parents < target(state)
+        narrow = jnp.max(taken[3:] - taken[:3], axis=0) < like_double(_NARROW, taken.dtype)
+        # What is close enough, or too narrow to cut, leaves the table but counts; single precision orders the table too
+        # coarsely to tell it from the rest, so it must not stay there.
+        closed = jnp.minimum(state.closed, jnp.min(jnp.where(live & ~narrow, jnp.inf, parents)))
+        low, high = halved(taken[:3], taken[3:])
+        cells = boxes(low, high)
+        part = form(side, cells)
+        bound = lower_bounds(part, cells, point, inner(side, low, high))
+        bound = jnp.fmax(bound, jnp.tile(parents, 8))  # a NaN bounds nothing
+        about, least_about = _convex_about(side, point, state.foot)
+        within = jnp.all((low[:, None] >= about.lower[..., None]) & (high[:, None] <= about.upper[..., None]), axis=0)
+        bound = jnp.maximum(bound, jnp.max(jnp.where(within, least_about[:, None], 0.0), axis=0))
+        bound = jnp.where(part.may_vanish & jnp.tile(live & ~narrow, 8), bound, jnp.inf)
+        _, lowest = jax.lax.top_k(-bound.astype(jnp.float32), starts.shape[1])
+        places = jnp.where(state.steps == 0, starts, cells.center[:, lowest])
+        upper, foot = better(state, places)
+        bound = jnp.where(bound < upper, bound, jnp.inf)
+        rows, kept, dropped = pushed(
+            state.rows,
+            state.bound.at[index].set(jnp.inf),
+            jnp.concatenate([low, high]).T,
+            bound,
+        )
+        return _SurfaceQuery(rows, kept, jnp.minimum(closed, dropped), upper, foot, state.steps + 1)
+
+    infinity = jnp.asarray(jnp.inf, point.dtype)
+    first = jnp.where(cover.alive, box_distances(boxes(cover.lower, cover.upper), point)[0], jnp.inf)
+    room = capacity - first.size
+    rows = jnp.pad(jnp.concatenate([cover.lower, cover.upper]).T, ((0, room), (0, 0)))
+    start = _SurfaceQuery(
+        rows, jnp.pad(first, (0, room), constant_values=jnp.inf), infinity, infinity, starts[:, 0], jnp.zeros((), int)
+    )
+    end = jax.lax.while_loop(open_, step, varying(start, side, point))
+    lower = jnp.minimum(jnp.minimum(jnp.min(end.bound), end.closed), end.upper)
+    return NearestOnSurface(lower, end.upper, end.foot, end.steps)
+
+
+def _convex_about(side: Side, point: Array, foot: Array) -> tuple[Boxes, Array]:
+    """Cubes of a few sizes about a foot, (3, cubes), and lower bounds of the distance to the surface in each, or zero.
+
+    With l so that the gradient of L = |q - p|^2 - l f(q) is about zero at the foot, L lies above its tangent plane
+    there in every cube in which its second derivatives are proven positive definite: the pivots of their middle, less
+    all that the terms of higher degree and rounding can change. On the surface L is the squared distance.
+    """
+    dtype = foot.dtype
+    half = jnp.asarray(_CUBES, dtype) * jnp.max(jnp.asarray(side.upper) - jnp.asarray(side.lower))
+    center = jnp.broadcast_to(foot[:, None], (3, half.size))
+    sides = jnp.broadcast_to(half, center.shape)
+    inner_half = half - gamma(8, dtype) * (jnp.abs(center) + half)
+    cells = Boxes(center - inner_half, center + inner_half, center, sides)
+    f = form(side, cells)
+    apart, slope = foot - point, f.slope
+    pull = 2 * apart[:, None] * half
+    factor = finite_or_zero(jnp.sum(pull * slope, axis=0) / positive(jnp.sum(slope**2, axis=0)))
+    size = jnp.sum((jnp.abs(apart)[:, None] + half) ** 2, axis=0)
+    error = gamma(24, dtype) * size + 1.01 * jnp.abs(factor) * f.error
+    value = jnp.sum(apart**2) - factor * f.value
+    tilt = jnp.sum(jnp.abs(pull - factor * slope), axis=0) * (1 + gamma(16, dtype))
+    # The errors of all coefficients together are within the first, those of slopes within as many times the degree.
+    degree = max(f.local.shape[:3])
+    least = value - tilt - (4 * degree + 4) * error
+    convex = _definite(f, factor, half, error * degree**2)
+    root = jnp.sqrt(jnp.maximum(least, 0.0)) * (1 - 8 * unit_roundoff(dtype)) - smallest_normal(dtype) ** 0.5
+    return cells, jnp.where(convex & (root > 0), root, 0.0)
+
+
+def _definite(f: Form, factor: Array, half: Array, error: Array) -> Array:
+    """Whether the second derivatives of |half e|^2 - factor f(e) are positive definite for all |e| <= 1."""
+    local, dtype = f.local, half.dtype
+    powers = np.indices(local.shape[:3])
+    total = np.sum(powers, axis=0)
+    # What terms beyond the second degree change entries of a row by, all together.
+    rows = [powers[k] * (total - 1) for k in range(3)]
+    sizes = [
+        jnp.sum(jnp.where((total > 2)[..., None], r[..., None] * jnp.abs(local), 0.0), axis=(0, 1, 2)) for r in rows
+    ]
+    loose = jnp.abs(factor) * jnp.max(jnp.stack(sizes), axis=0) + 3 * error
+    own = [2 * half**2 - 2 * factor * x for x in (local[2, 0, 0], local[0, 2, 0], local[0, 0, 2])]
+    xy, xz, yz = (-factor * x for x in (local[1, 1, 0], local[1, 0, 1], local[0, 1, 1]))
+    scale = sum(jnp.abs(x) for x in (*own, xy, xz, yz)) + half**2
+    loose = loose * (1 + gamma(local[..., 0].size + 16, dtype)) + gamma(64, dtype) * scale
+    x, y, z = (entry - loose for entry in own)
+    first = jnp.where(x > 0, x, jnp.inf)
+    second = y - xy**2 / first
+    cross = yz - xy * xz / first
+    third = z - xz**2 / first - cross**2 / jnp.where(second > 0, second, jnp.inf)
+    return (x > 0) & (second > 0) & (third > 0)
+
+
+def nearest_proven(side: Side, point: Array, places: Array) -> tuple[Array, Array]:
+    """The place near the surface within which and a point there is one of the surface at the least distance, and that.
+
+    A bound of that distance comes first; it is infinite where no place is proven to be near the surface.
+    """
+    far = proven_distances(side, point, places)
+    return jnp.min(far), places[:, jnp.argmin(far)]
+
+
+def proven_distances(side: Side, point: Array, places: Array) -> Array:
+    """Upper bounds of the distance of the surface by each place near it; infinite where it is not proven to be."""
+    far = round_up(reach(places - point[:, None]) + thorough_radius(side, places))
+    return jnp.where(jnp.isnan(far), jnp.inf, far)
+
+
+def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Array, Array, Array]:
+    """A table with new rows where it is free, and the smallest bound of those that find no room; inf means free.
+
+    Where there is too little room, the rows of the largest bounds leave: to whom the smallest matter they do least.
+    """
+    count = new_bound.size
+    wanted, free = jnp.sum(jnp.isfinite(new_bound)), jnp.sum(jnp.isinf(bound))
+    bound, left = jax.lax.cond(
+        wanted > free, _without_largest, lambda b, _: (b, jnp.full_like(b[0], jnp.inf)), bound, new_bound
+    )
+    used = jnp.nonzero(jnp.isfinite(new_bound), size=count, fill_value=count)[0]
+    slots = jnp.nonzero(jnp.isinf(bound), size=count, fill_value=bound.size)[0]
+    # Beyond the end is nowhere.
+    there = jnp.where(used < count, slots, bound.size)
+    rows = rows.at[there].set(new[jnp.minimum(used, count - 1)], mode="drop")
+    values = jnp.append(new_bound, jnp.inf)[used]
+    dropped = jnp.min(jnp.where(there == bound.size, values, jnp.inf))
+    return rows, bound.at[there].set(values, mode="drop"), jnp.minimum(dropped, left)
+
+
+def _without_largest(bound: Array, new_bound: Array) -> tuple[Array, Array]:
+    """The bounds with room for all new ones made among the largest, and the smallest of those that left."""
+    key = jnp.where(jnp.isinf(bound), -jnp.inf, bound)
+    _, index = jax.lax.top_k(key.astype(jnp.float32), new_bound.size)
+    return bound.at[index].set(jnp.inf), jnp.min(bound[index])
+
+
+def nearest_places(cloud: SurfaceCloud, point: Float[Array, "3"], count: int = _STARTS) -> Float[Array, "3 points"]:
+    """The proven points of a cloud nearest to a point, some unproven ones where there are too few."""
+    far = jnp.sum((cloud.points - point[:, None]) ** 2, axis=0) + jnp.where(jnp.isfinite(cloud.radius), 0.0, 100.0)
+    _, index = jax.lax.top_k(-far.astype(jnp.float32), count)
+    return cloud.points[:, index]

@@ -1,0 +1,337 @@
+"""What distances are taken to: shapes that know their nearest points, for many queries at once, from the host.
+
+A target answers in the user's coordinates, with bounds that are rounded outward, so whoever asks needs no frame. It
+prepares once what its searches share (a tree, samples, a cover), and can be asked as often as one likes.
+"""
+
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from typing_extensions import override
+
+from jhd._arithmetic.rounding import gamma
+from jhd._shapes.curve import BezierSegments
+from jhd._shapes.mesh import TriangleMesh
+from jhd._triangles.closest_point import (
+    BLOCKS,
+    TriangleTree,
+    barycentric_of,
+    closest_points,
+    in_unit_again,
+    in_unit_of,
+    nearest_triangles,
+    outward,
+    pair_squares,
+    point_tree,
+    triangle_tree,
+    triangles_within,
+)
+
+# Most triangles near a point that are looked at one by one.
+_FEW = 32
+
+
+class ProvenFeet(NamedTuple):
+    """Nearest points of a shape, in the user's coordinates.
+
+    Args:
+        distance: to the foot; infinite where there is none.
+        lower: proven lower bound of the distance to the whole shape.
+        upper: proven upper bound; infinite where no point of the shape is proven.
+        foot: a point of the shape.
+        segment: the part of the shape that holds it, as in Projection.
+        t: its parameters there, as in Projection.
+        closed: whether the bounds are as close as they should be.
+    """
+
+    distance: Float[np.ndarray, " points"]
+    lower: Float[np.ndarray, " points"]
+    upper: Float[np.ndarray, " points"]
+    foot: Float[np.ndarray, "points dim"]
+    segment: Int[np.ndarray, " points"]
+    t: Float[np.ndarray, "points ..."]
+    closed: Bool[np.ndarray, " points"]
+
+    def take(self, rows: Any) -> "ProvenFeet":
+        """Copies of some of them."""
+        return ProvenFeet(*(x[rows] for x in self))
+
+
+class FootRows(NamedTuple):
+    """Points of a shape, any number of them for each of some cells.
+
+    Args:
+        point: the points.
+        error: the shape has a point within this; infinite where none is proven.
+        segment: the part of the shape that holds each, as in Projection.
+        t: its parameters there, in as many columns as there are, none on polynomial surfaces.
+    """
+
+    point: Float[np.ndarray, "*cells feet dim"]
+    error: Float[np.ndarray, "*cells feet"]
+    segment: Int[np.ndarray, "*cells feet"]
+    t: Float[np.ndarray, "*cells feet parameters"]
+
+    def map(self, function: Any) -> "FootRows":
+        """The same function of every array."""
+        return FootRows(*(function(x) for x in self))
+
+
+class Flats(NamedTuple):
+    """Flat pieces: all points origin + s first + t second have a point of the shape within `sag` of them.
+
+    Args:
+        origin: of each piece, (cells, flats, 3).
+        first: along s in [0, 1].
+        second: along t in [0, 1]; of triangles s + t is at most one.
+        sag: infinite where nothing is proven.
+    """
+
+    origin: Any
+    first: Any
+    second: Any
+    sag: Any
+
+
+class ConvexPieces(NamedTuple):
+    """Convex pieces of a shape beside points, any number of them, all that are near; points without any have too many.
+
+    Args:
+        who: the point that each belongs to.
+        corners: whose hulls the pieces are, (pairs, corners, 3).
+        foot: about the nearest point of each.
+    """
+
+    who: Int[np.ndarray, " pairs"]
+    corners: Float[np.ndarray, "pairs corners 3"]
+    foot: Float[np.ndarray, "pairs 3"]
+
+
+class AbstractTarget(ABC):
+    """A shape that distances are taken to; all its numbers are known."""
+
+    # Points that are best asked for together.
+    block: int = BLOCKS[-1]
+    # Rows for feet in a witness.
+    feet_named: int = 4
+    # Whether bounds are always those of rounding.
+    sharp: bool = True
+    # Whether its flat pieces are triangles; else they are parallelograms.
+    triangles: bool = False
+
+    # Feet of places next to each other are one within this share of their distance.
+    same: float = 1e-4
+
+    @abstractmethod
+    def rounding(self, distance: float) -> float:
+        """The gap that bounds of a distance may keep, by rounding."""
+
+    @abstractmethod
+    def feet(self, points: np.ndarray) -> np.ndarray:
+        """Proven upper bounds of the distances of points (points, dim), those of points of the shape near them."""
+
+    @abstractmethod
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        """Points of the shape near others, with proven upper bounds; lower ones may be zero.
+
+        What is sharp gives its nearest points.
+        """
+
+    @abstractmethod
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        """Within which the shape has a point of each foot that was found."""
+
+    @abstractmethod
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """Flat pieces beside cells in the hulls of some corners (cells, corners, 3), near their feet (cells, FEET)."""
+
+    @abstractmethod
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        """The parameters of feet, from rows of them, as a Witness has them."""
+
+    def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> "ConvexPieces | None":
+        """All convex pieces of the shape that may be within lengths of points; None of what is not made of few."""
+        return None
+
+    def rows_of(self, found: ProvenFeet) -> FootRows:
+        """The feet alone, in rows."""
+        t = found.t.reshape(len(found.segment), -1)
+        segment = np.where(np.isfinite(found.upper), found.segment, -1)
+        return FootRows(found.foot, self.error(found), segment, np.where(np.isnan(t), 0.0, t))
+
+    @abstractmethod
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
+        """Nearest points with proven bounds.
+
+        Args:
+            points: queries (points, dim), finite.
+            enough: the bounds of a query may stay apart where its upper one is at most this; of all, or of each.
+            close: by so much bounds may stay apart.
+            hasty: whether a query that takes long may be given up; its bounds are then wider, and not closed.
+        """
+
+
+class PointTarget(AbstractTarget):
+    """A set of points; those of the plane lie at height zero."""
+
+    feet_named = 2
+    same = 0.0
+
+    def __init__(self, points: BezierSegments):
+        self.rows = np.asarray(points.control_points)[:, 0]
+        self.tree = point_tree(in_space(self.rows))
+
+    @override
+    def rounding(self, distance: float) -> float:
+        return _left(self.tree, distance)
+
+    @override
+    def feet(self, points: np.ndarray) -> np.ndarray:
+        upper, row = _hinted(self.tree, in_space(points))
+        return np.where(self._holds(points, self.tree.order[row]), 0.0, upper).astype(upper.dtype)
+
+    def _holds(self, points: np.ndarray, index: np.ndarray) -> np.ndarray:
+        """Whether queries are points of the set; then nothing about their distance is rounded."""
+        return np.all(self.rows[index] == points, axis=1)
+
+    @override
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        return self.nearest(points)
+
+    @override
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        return np.zeros_like(found.distance)
+
+    @override
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """The points."""
+        nothing = np.zeros_like(feet.point)
+        return Flats(feet.point, nothing, nothing, feet.error)
+
+    @override
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        """Zeros."""
+        return t[:, 0]
+
+    @override
+    def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
+        """The points."""
+        who, row = _within(self.tree, in_space(points), reach)
+        held = in_space(self.rows)[self.tree.order[row]]
+        return ConvexPieces(who, held[:, None], held)
+
+    @override
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
+        """The bounds are always those of rounding."""
+        tree, scaled = in_unit_of(self.tree, in_space(points))
+        found = nearest_triangles(tree, scaled)
+        distance, dtype = np.sqrt(found.square), scaled.dtype
+        error, index = tree.error(distance), tree.order[found.triangle]
+        error = np.where(self._holds(points, index), 0.0, error)
+        return ProvenFeet(
+            distance=in_unit_again(distance, tree.exponent),
+            lower=outward(distance.astype(np.float64) - error, tree.exponent, dtype, -1),
+            upper=outward(distance.astype(np.float64) + error, tree.exponent, dtype, 1),
+            foot=self.rows[index],
+            segment=index,
+            t=np.zeros(len(index), dtype),
+            closed=np.ones(len(index), bool),
+        )
+
+
+class MeshTarget(AbstractTarget):
+    """A triangle mesh."""
+
+    triangles = True
+
+    def __init__(self, mesh: TriangleMesh):
+        self.mesh, self.tree = mesh, triangle_tree(mesh)
+        self._corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
+
+    @override
+    def rounding(self, distance: float) -> float:
+        return _left(self.tree, distance)
+
+    @override
+    def feet(self, points: np.ndarray) -> np.ndarray:
+        return _hinted(self.tree, points)[0]
+
+    @override
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        return self.nearest(points)
+
+    @override
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        """Of what barycentric coordinates are multiplied with."""
+        sizes = np.max(np.abs(self._corners[found.segment]), axis=(1, 2))
+        return gamma(16, sizes.dtype) * 2 * sizes
+
+    @override
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """The triangles."""
+        first, second, third = np.moveaxis(self._corners[feet.segment], -2, 0)
+        return Flats(first, second - first, third - first, np.zeros_like(feet.error))
+
+    @override
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        return t
+
+    @override
+    def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
+        """The triangles."""
+        who, row = _within(self.tree, points, reach)
+        tree, scaled = in_unit_of(self.tree, points)
+        corners = self._corners[tree.order[row]]
+        if len(row) == 0:
+            return ConvexPieces(who, corners, np.zeros((0, 3)))
+        foot = np.einsum("nk,nkd->nd", barycentric_of(tree, scaled[who], row), corners)
+        return ConvexPieces(who, corners, foot)
+
+    @override
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
+        """The bounds are always those of rounding."""
+        found = closest_points(self.mesh, points)
+        return ProvenFeet(*found, closed=np.ones(len(points), bool))
+
+
+def _left(tree: TriangleTree, distance: float) -> float:
+    """What the bounds of a distance by a tree may be apart, in the user's unit: their error, or their own rounding."""
+    with np.errstate(over="ignore", under="ignore"):
+        error = float(np.ldexp(tree.error(np.ldexp(distance, -tree.exponent)), tree.exponent))
+        return 4 * max(error, float(np.spacing(np.asarray(distance, tree.table.dtype))))
+
+
+def _within(tree: TriangleTree, points: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of points and sorted triangles, or points, that may be within lengths of these, where there are few."""
+    tree, scaled = in_unit_of(tree, points)
+    return triangles_within(tree, scaled, np.ldexp(outward(reach, 0, scaled.dtype, 1), -tree.exponent), _FEW)
+
+
+def _hinted(tree: TriangleTree, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Upper bounds of distances by the triangles, or points, that the tree's grid names, and their rows there."""
+    tree, scaled = in_unit_of(tree, points)
+    row = tree.hints.at(scaled).astype(np.int32)
+    distance = np.sqrt(pair_squares(tree.table, scaled, row).astype(np.float64))
+    return outward(distance + tree.error(distance), tree.exponent, points.dtype, 1), row
+
+
+def in_space(points: np.ndarray) -> np.ndarray:
+    """Points of the plane as points of space, of which the last coordinate is zero; others as they are."""
+    return points if points.shape[1] == 3 else np.concatenate([points, np.zeros_like(points[:, :1])], axis=1)
+
+
+def curve_in_space(curve: BezierSegments) -> BezierSegments:
+    """A plane curve, its numbers known, as one of space, of which the last coordinate is zero; others as they are."""
+    if curve.dim == 3:
+        return curve
+    points = np.asarray(curve.control_points)
+    weights = None if curve.weights is None else np.asarray(curve.weights)
+    return BezierSegments(np.concatenate([points, np.zeros_like(points[..., :1])], axis=-1), weights)

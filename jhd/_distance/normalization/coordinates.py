@@ -1,0 +1,165 @@
+"""Common coordinates of two shapes: moved to the origin between two scalings by powers of two, and the way back.
+
+The first power keeps the center from overflowing, the second brings the extent that is left to order one; both are
+exact, flushed subnormals aside, so only the subtraction of the center rounds, once for each coordinate. Where that must
+not be, `exact_middle` moves only what moves without rounding, and `origin` nothing. All that a frame depends on are the
+extreme corners of both shapes.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array
+
+from jhd._arithmetic.rounding import smallest_normal
+from jhd._arithmetic.scaling import common_exponent, ldexp, length, scale_of, times_two_to
+from jhd._results.solution import RESULTS, HausdorffSolution, result_where, with_lengths
+from jhd._runtime.arrays import array_of, is_traced
+
+# Power of two that stands for no extent at all; single precision ends at 2^-126.
+_VANISHING = 100
+# An axis is moved exactly where the middle is at least this many half extents away: all coordinates are then within a
+# factor of two of the middle, and their differences to it are exact (Sterbenz).
+_FAR = 2.5
+
+
+class Frame(eqx.Module):
+    """Where the common coordinates lie in the user's: x_user = (2^second x + center) 2^first."""
+
+    center: Any
+    first: Any
+    second: Any
+    usable: Any = True  # whether all numbers were; under tracing this is known only now
+
+    def place(self, x: Any) -> Array:
+        """Points in the user's coordinates."""
+        return array_of(_place(self, x))
+
+    def scale(self, dtype: DTypeLike) -> Array:
+        """The power of two that brings lengths of the user's to the common unit."""
+        return scale_of(self.first + self.second, dtype)
+
+    def moved(self, x: Array) -> Array:
+        """Points of the user's in the common coordinates, as a function that is differentiated."""
+        return (x - times_two_to(jnp.asarray(self.center), self.first)) * self.scale(x.dtype)
+
+    def common(self, x: Any, toward: float | None = None) -> Any:
+        """A length of the user's in the common coordinates; what is no normal number there is rounded towards `toward`.
+
+        Rounded towards zero it is at most four, which is more than any distance there.
+        """
+        xp = jnp if is_traced(x, self) else np
+        with np.errstate(over="ignore"):
+            scaled = ldexp(xp.asarray(x), -(self.first + self.second))
+        if toward is None:
+            return scaled
+        nu = smallest_normal(scaled.dtype)
+        lost, end = (xp.abs(scaled) < nu) & (scaled != 0), 0.0 if toward == 0 else nu
+        return xp.where(lost, xp.asarray(end, scaled.dtype), xp.minimum(scaled, 4.0) if toward == 0 else scaled)
+
+    def length(self, x: Any, toward: float | None = None) -> Array:
+        """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
+        return array_of(user_length(self, x, toward))
+
+
+# Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
+def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
+    """A solution found in the common coordinates, in the user's; numbers that are known are left on the host."""
+    witness, good = solution.witness, frame.usable
+    value, lower = user_length(frame, solution.value, None), user_length(frame, solution.lower, 0.0)
+    upper = user_length(frame, solution.upper, np.inf)
+    if is_traced(good):
+        value, lower, upper = (jnp.where(good, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf)))
+        solution = replace(solution, result=result_where(good, solution.result, RESULTS.nonfinite_value))
+    return with_lengths(solution, value, lower, upper, _place(frame, witness.point), _place(frame, witness.feet))
+
+
+def _place(frame: Frame, x: Any) -> Any:
+    return times_two_to(times_two_to(x, frame.second) + frame.center, frame.first)
+
+
+def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
+    """As `length` of the frame; numbers that are known are left on the host, in the precision that they have."""
+    xp = jnp if is_traced(x, frame) else np
+    given = xp.asarray(x)
+    with np.errstate(over="ignore"):
+        scaled = times_two_to(given, frame.first + frame.second)
+    if toward is None:
+        return scaled
+    if toward == 0:  # a lower bound that overflows is at least the largest float
+        scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
+    if is_traced(given, frame):
+        # Compiled programs flush the subnormals of the input: that moves a distance by a few of the smallest.
+        flushed = 32 * smallest_normal(scaled.dtype)
+        return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else scaled + flushed
+    outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
+    exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)
+    return xp.where(exact, scaled, outward)
+
+
+def extremes(x: Any) -> tuple[Any, Any]:
+    """The least and the largest of each coordinate of points (..., dim)."""
+    xp: Any = jnp if is_traced(x) else np
+    axes = tuple(range(x.ndim - 1))
+    return xp.min(x, axis=axes), xp.max(x, axis=axes)
+
+
+def diagonal(corners: Sequence[tuple[Any, Any]]) -> Any:
+    """The length of the diagonal of the box of all shapes with these lower and upper corners."""
+    low, high = _box_of(corners)
+    # Half of it does not overflow; the whole of it may, and is infinite then.
+    with np.errstate(over="ignore"):
+        return 2 * length(0.5 * high - 0.5 * low)
+
+
+def _box_of(corners: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
+    xp: Any = jnp if is_traced(corners) else np
+    lows, highs = zip(*corners, strict=True)
+    return reduce(xp.minimum, lows), reduce(xp.maximum, highs)
+
+
+def middle(low: Any, high: Any) -> Any:
+    """The middle of a box."""
+    return 0.5 * (low + high)
+
+
+def exact_middle(low: Any, high: Any) -> Any:
+    """The middle along axes where all differences to it are exact, else zero."""
+    center = 0.5 * (low + high)
+    far = abs(center) >= _FAR * 0.5 * (high - low)
+    return (jnp if is_traced(center) else np).where(far, center, 0.0)
+
+
+def origin(low: Any, high: Any) -> Any:
+    """Zero: coordinates are scaled alone."""
+    return 0.0 * low
+
+
+def frame_of(
+    corners: Sequence[tuple[Any, Any]], usable: Any = True, center: Callable[[Any, Any], Any] = middle
+) -> Frame:
+    """The common coordinates of shapes with these lower and upper corners.
+
+    Args:
+        corners: of each shape, finite.
+        usable: whether all numbers of the shapes were.
+        center: of the box of all, from its corners, which are at most one.
+    """
+    low, high = _box_of(corners)
+    first = common_exponent(low, high)
+    low, high = ldexp(low, -first), ldexp(high, -first)
+    at = center(low, high)
+    # Where all points are one, every difference is an exact zero: nothing is left that an error could be relative to.
+    return Frame(at, first, common_exponent(low - at, high - at, nothing=-_VANISHING), usable)
+
+
+def common_points(frame: Frame, x: Any) -> Any:
+    """Points of the user's in the common coordinates; subtracting the center rounds each coordinate once."""
+    center, first, second = frame.center, frame.first, frame.second
+    return times_two_to(ldexp(x, -first) - center, -second)

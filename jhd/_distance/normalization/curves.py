@@ -1,0 +1,165 @@
+"""A pair of curves in common coordinates (jhd._distance.normalization.coordinates), padded to a few sizes.
+
+The exact distance is the one of the stored arrays, so every step has a bound: scaling by a power of two is exact
+(flushed subnormals aside), and `preparation_error` covers moving and raising the degree.
+"""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+
+from jhd._arithmetic.bernstein import product_weights
+from jhd._arithmetic.rounding import gamma
+from jhd._arithmetic.scaling import unit_weights
+from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of
+from jhd._runtime.arrays import is_traced
+from jhd._shapes.checks import usable_numbers
+from jhd._shapes.curve import BezierSegments
+from jhd._shapes.joints import followed_here
+
+# Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
+# repetition does not show; from 192 on, where it does, at most a third is repetition.
+_COUNTS = (48, 96, *(size for k in range(6, 24) for size in (3 * 2**k, 4 * 2**k)))
+# Where it shows already: inside a program of the user's, which is compiled for its sizes anyway and where four
+# segments instead of 48 take two thirds of the time, and in work that looks at every segment many times.
+_SMALL_COUNTS = (4, 16)
+_DEGREES = (3, 6, 10)
+# Up to this number both curves of a pair may share one size.
+_SHARED = 96
+
+
+def padded_count(count: int, small: bool = False) -> int:
+    """The smallest number of segments that programs are compiled for and that holds `count`.
+
+    With `small` sizes below 48 are among them: more programs, each faster on few segments.
+    """
+    return next(bucket for bucket in ((*_SMALL_COUNTS, *_COUNTS) if small else _COUNTS) if bucket >= count)
+
+
+def raised_degree(degree: int) -> int:
+    """The smallest degree that programs are compiled for and that holds `degree`; beyond ten each is its own."""
+    return next((bucket for bucket in _DEGREES if bucket >= degree), degree)
+
+
+def trusted(control_points: Any, weights: Any, next_segment: Any) -> BezierSegments:
+    """Segments from arrays that need no check; NumPy arrays and tracers are stored as they are, `next_segment` too."""
+    leaves = [control_points, next_segment] if weights is None else [control_points, weights, next_segment]
+    return jax.tree_util.tree_unflatten(_structure(weights is not None), leaves)
+
+
+@lru_cache(maxsize=2)
+def _structure(rational: bool) -> Any:
+    # Asked for first inside a trace, its operations would be part of that program, dead, and of no other.
+    with jax.ensure_compile_time_eval():
+        one = BezierSegments(np.zeros((1, 1, 2)), np.ones((1, 1)) if rational else None)
+    return jax.tree_util.tree_structure(one)
+
+
+@lru_cache(maxsize=64)
+def elevation_matrix(degree: int, target: int) -> np.ndarray:
+    """The (target + 1, degree + 1) matrix of raising the degree, C(n,i) C(m-n,k-i) / C(m,k): convex combinations."""
+    weights = product_weights(degree, target - degree)
+    matrix = np.zeros((target + 1, degree + 1))
+    for i in range(degree + 1):
+        matrix[i : i + target - degree + 1, i] = weights[i]
+    return matrix
+
+
+def usable(curve: BezierSegments) -> Any:
+    """Whether all control points are finite and all weights finite and positive; True for concrete curves, checked."""
+    return usable_numbers(curve.control_points, curve.weights) if is_traced(curve) else True
+
+
+def replaced(curve: BezierSegments, good: Any) -> BezierSegments:
+    """The curve, with harmless numbers where it is not good, so that no NaN enters a search."""
+    if not is_traced(good):
+        return curve
+    weights = None if curve.weights is None else jnp.where(good, curve.weights, 1.0)
+    return trusted(jnp.where(good, curve.control_points, 0.0), weights, curve.next_segment)
+
+
+def shared_count(first: int, second: int, small: bool = False) -> tuple[int, int]:
+    """The numbers of segments of two curves where programs are to be few: one for both, but for long curves.
+
+    Repeated segments cost a search little up to a hundred.
+    """
+    counts = padded_count(first, small), padded_count(second, small)
+    most = max(counts)
+    return (most, most) if most <= _SHARED else counts
+
+
+def prepare(
+    a: BezierSegments, b: BezierSegments, *, sharing: bool = False
+) -> tuple[BezierSegments, BezierSegments, Frame]:
+    """Both curves padded and with coordinates in [-1, 1] about the origin, and the frame that leads back.
+
+    On concrete curves this runs in NumPy, which keeps subnormals. `sharing` pads to the sizes of `shared_count`;
+    without it, and under tracing, small sizes stay small.
+    """
+    traced = is_traced(a, b)
+    xp = jnp if traced else np
+    good = usable(a) & usable(b)
+    a, b = replaced(a, good), replaced(b, good)
+    x, y = (xp.asarray(curve.control_points) for curve in (a, b))
+    frame = frame_of([extremes(x), extremes(y)], good)
+    x, y = common_points(frame, x), common_points(frame, y)
+    degree, rational = raised_degree(max(a.degree, b.degree)), a.weights is not None or b.weights is not None
+    if sharing:
+        counts = shared_count(a.count, b.count, small=traced)
+    else:
+        counts = padded_count(a.count, small=True), padded_count(b.count, small=True)
+    return (
+        _bucketed(xp, a, x, degree, rational, counts[0]),
+        _bucketed(xp, b, y, degree, rational, counts[1]),
+        frame,
+    )
+
+
+def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:
+    """Bound on how far `prepare` moves any point of one curve, in the common coordinates.
+
+    Subtracting the center rounds each coordinate once. Raising the degree forms convex combinations of at most
+    degree + 1 products, with weights of two roundings; on rational curves numerator and denominator each err by a
+    relative gamma(degree + 6), and so does the position of the point, twice, in units of coordinates of at most one.
+    """
+    return math.sqrt(dim) * gamma(4 * (degree + 7) + 1, dtype)
+
+
+def evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
+    """Bound on how far the computed witness is from a point of a, and both curves from the stored ones.
+
+    De Casteljau's algorithm costs three roundings a level, in numerator and denominator of a rational segment, whose
+    quotient adds a product and a division, each relative to coordinates of at most one.
+    """
+    dtype = a.control_points.dtype
+    evaluation = math.sqrt(a.dim) * gamma(6 * a.degree + 6, dtype)
+    return evaluation + sum(preparation_error(curve.degree, curve.dim, dtype) for curve in (a, b))
+
+
+def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational: bool, count: int) -> BezierSegments:
+    """The curve with these control points, raised to `degree` and padded by repetition of its last segment to `count`.
+
+    A polynomial curve gets weights of one where the other curve is rational. The weights of each segment are first
+    scaled to a largest one in [1/2, 1), which changes no point.
+    """
+    index = np.minimum(np.arange(count), curve.count - 1)
+    weights: Any = curve.weights
+    if weights is None and rational:
+        weights = xp.ones(points.shape[:-1], points.dtype)
+    if weights is not None:
+        weights = xp.asarray(weights)
+        weights = unit_weights(weights)
+        points = points * weights[..., None]
+    if degree > curve.degree:
+        raising = elevation_matrix(curve.degree, degree).astype(points.dtype)
+        points = xp.sum(raising[:, :, None] * points[:, None], axis=-2)
+        weights = None if weights is None else xp.sum(raising * weights[:, None], axis=-1)
+    if weights is not None:
+        points, weights = (points / weights[..., None])[index], weights[index]
+        return trusted(points, weights, xp.asarray(followed_here(curve.links))[index])
+    return trusted(points[index], None, xp.asarray(followed_here(curve.links))[index])

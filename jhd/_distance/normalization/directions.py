@@ -1,0 +1,113 @@
+"""The Hausdorff distance of two directed ones: one search for both, the larger of them, the larger of their bounds."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd._arithmetic.rounding import ordered
+from jhd._distance.normalization.stopping import Aim, aim_at
+from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, result_where
+from jhd._runtime.arrays import varying
+from jhd._runtime.compiled import compiled
+from jhd._runtime.sharding import shared_by_devices
+
+
+class TracedSearch(NamedTuple):
+    """A search that is traced, and what it takes.
+
+    Args:
+        run: of what both directions have in common, of what is given for one, and of an aim.
+        common: what they have in common.
+        there: for the direction from a to b.
+        back: for the other one, arrays of the same shapes.
+    """
+
+    run: Callable[[Any, Any, Aim], HausdorffSolution]
+    common: Any
+    there: Any
+    back: Any
+
+
+def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[HausdorffSolution, HausdorffSolution]:
+    """Both directions by one traced search, which is compiled once and run twice.
+
+    Args:
+        search: the search.
+        level: nothing up to this length matters; None: nothing below the first lower bound, of the second direction.
+        ceiling: nothing more matters above this length, or None.
+    """
+    given = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), search.there, search.back)
+    dtype = jnp.result_type(*(x for x in jax.tree_util.tree_leaves(given) if jnp.issubdtype(x.dtype, jnp.floating)))
+
+    def both(common: Any, given: Any, aim: Aim) -> HausdorffSolution:
+        def one(least: Any, pair: Any) -> tuple[Any, HausdorffSolution]:
+            solution = search.run(common, pair, Aim(least, aim.ceiling))
+            return solution.lower if level is None else least, solution
+
+        return jax.lax.scan(one, jnp.asarray(varying(aim.level, given)), given)[1]
+
+    found = shared_by_devices(both)(search.common, given, aim_at(level, ceiling, dtype))
+    first, second = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
+    return in_direction(first, DIRECTIONS.a_to_b), in_direction(second, DIRECTIONS.b_to_a)
+
+
+@compiled
+def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+    """The larger of both directed distances, the first one at a tie; it keeps both."""
+    turned = ordered(back.value) > ordered(there.value)
+    chosen = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
+    stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
+    return HausdorffSolution(
+        value=chosen.value,
+        lower=_maximum(there.lower, back.lower),
+        upper=_maximum(there.upper, back.upper),
+        witness=chosen.witness,
+        result=result_where(there.result == RESULTS.successful, back.result, there.result),
+        stats=stats,
+        directed=False,
+        directions=(there, back),
+    )
+
+
+@compiled
+def larger_of_forms(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+    """The same of two in forms of their own, which its directions keep."""
+    return replace(larger(*_alike(there, back)), directions=(there, back))
+
+
+def _alike(there: HausdorffSolution, back: HausdorffSolution) -> tuple[HausdorffSolution, HausdorffSolution]:
+    """Both in one form: of parameters each has as many as the richer one, and counts that one lacks are zeros.
+
+    A single number is repeated, and rows are filled up with zeros.
+    """
+    witnesses = there.witness, back.witness
+    columns = max(w.t.shape[0] if w.t.ndim else 0 for w in witnesses)
+    params = max(w.feet_params.shape[1] if w.feet_params.ndim == 2 else 0 for w in witnesses)
+    names = {**there.stats, **back.stats}
+    return _formed(there, columns, params, names), _formed(back, columns, params, names)
+
+
+def _formed(solution: HausdorffSolution, columns: int, params: int, names: Any) -> HausdorffSolution:
+    w = solution.witness
+    witness = replace(
+        w, t=_filled(w.t, columns, w.t.ndim == 0), feet_params=_filled(w.feet_params, params, w.feet_params.ndim == 1)
+    )
+    return replace(solution, witness=witness, stats={n: solution.stats.get(n, jnp.array(0)) for n in names})
+
+
+def _filled(rows: Array, columns: int, single: bool) -> Array:
+    """The rows with so many numbers each, or as they are for none."""
+    if columns == 0:
+        return rows
+    if single:
+        return jnp.broadcast_to(rows[..., None], (*rows.shape, columns))
+    return jnp.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, columns - rows.shape[-1])])
+
+
+def _maximum(x: Array, y: Array) -> Array:
+    # Of subnormal lengths, which the compiled maximum takes for zeros, the larger one too.
+    return jnp.where(ordered(x) >= ordered(y), x, y)

@@ -1,0 +1,82 @@
+"""A pair of parametric shapes as nets of control points in common coordinates.
+
+The exact distance is that of the stored arrays; `jhd._distance.normalization.curves.preparation_error` bounds what
+moving them to the origin and raising the degree of curves does.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jhd._arithmetic.scaling import unit_weights
+from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of
+from jhd._distance.normalization.curves import elevation_matrix, padded_count, preparation_error, raised_degree
+from jhd._distance.normalization.net_jets import Net, usable_net
+from jhd._runtime.arrays import is_traced
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.patch import AbstractPatch
+
+
+def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
+    """Control points (pieces, rows, columns, dim) and weights of a shape, the largest of a piece in [1/2, 1).
+
+    Curves have one column. A triangle is the bilinear patch of which one side is a single point: the same set of
+    points, exactly.
+    """
+    if isinstance(shape, TriangleMesh):
+        return Net(shape.corners[:, np.array([[0, 1], [0, 2]])], None)
+    if isinstance(shape, AbstractCurve):
+        segments = shape.segments()
+        weights = None if segments.weights is None else unit_weights(segments.weights[:, :, None], (1, 2))
+        return Net(segments.control_points[:, :, None], weights)
+    patches = shape.patches()
+    weights = None if patches.weights is None else unit_weights(patches.weights, (1, 2))
+    return Net(patches.control_points, weights)
+
+
+def hull_of(points: Any) -> Net:
+    """The least and the largest coordinates of points (..., dim), as a net that stands for them in a frame."""
+    ends: Any = np.stack(extremes(np.asarray(points)))[:, None, None]
+    return Net(ends, None)
+
+
+def prepare_nets(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
+    """Both with coordinates in [-1, 1] about the origin, the frame that leads back, and a bound of the error made.
+
+    On concrete shapes this runs in NumPy, which keeps subnormals.
+    """
+    traced = is_traced(a, b)
+    xp = jnp if traced else np
+    good = usable_net(a) & usable_net(b) if traced else True
+    points = [xp.asarray(net.points) for net in (a, b)]
+    points = [jnp.where(good, x, 0.0) for x in points] if traced else points
+    frame = frame_of([extremes(x) for x in points], good)
+    nets = [_bucketed(xp, common_points(frame, x), net.weights, good) for x, net in zip(points, (a, b), strict=True)]
+    error = sum(preparation_error(max(net.degrees), net.dim, net.points.dtype) for net in nets)
+    return nets[0], nets[1], frame, float(error)
+
+
+def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
+    """The net with curves raised to a degree that programs are compiled for, and pieces repeated to such a number."""
+    if weights is not None:
+        weights = xp.asarray(weights)
+        weights = xp.where(good, weights, 1.0) if is_traced(good) else weights
+    degree = points.shape[1] - 1
+    target = raised_degree(degree)
+    if points.shape[2] == 1 and target > degree:
+        raising = elevation_matrix(degree, target).astype(points.dtype)[:, :, None, None]
+        rows = points if weights is None else points * weights[..., None]
+        points = xp.sum(raising * rows[:, None], axis=2)
+        if weights is not None:
+            weights = xp.sum(raising[..., 0] * weights[:, None], axis=2)
+            points = points / weights[..., None]
+    return repeated(Net(points, weights))
+
+
+def repeated(net: Net) -> Net:
+    """The net with its last piece repeated up to a number that programs are compiled for."""
+    count = net.points.shape[0]
+    index = np.minimum(np.arange(padded_count(count, small=is_traced(net.points))), count - 1)
+    return Net(net.points[index], None if net.weights is None else net.weights[index])

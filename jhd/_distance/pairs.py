@@ -1,0 +1,338 @@
+"""Pairs of shapes of one kind, or of points and any kind: checked, prepared, measured in either direction, reported.
+
+Each kind of pair offers the same few operations, so that the entry points need not know the kinds. A pair measures in
+the coordinates of its search. Bounds passed from one direction to the other stay in these coordinates.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+from typing_extensions import override
+
+from jhd._distance.normalization.coordinates import Frame, reported
+from jhd._distance.normalization.curves import prepare
+from jhd._distance.normalization.directions import TracedSearch, in_turn, larger, larger_of_forms
+from jhd._distance.normalization.method import (
+    AbstractCurveMethod,
+    AbstractHausdorffMethod,
+    AbstractHostMethod,
+    check_serves,
+)
+from jhd._distance.normalization.stopping import Aim, aim_at
+from jhd._distance.normalization.surfaces import Side, prepare_surfaces
+from jhd._distance.published.algebraic import AlgebraicEvents
+from jhd._distance.published.cube_intervals import CubeIntervals, larger_interval
+from jhd._distance.published.trimming import BiarcTrimming
+from jhd._distance.published.two_step import TwoStep
+from jhd._distance.search.branch_and_bound import BranchAndBound, default_method, length_of_table, wanted_of
+from jhd._distance.search.candidates import Target
+from jhd._distance.search.dispatch import dtype_of, mixed_directed
+from jhd._distance.search.farthest import CurveSearch, SurfaceSearch
+from jhd._distance.search.meshes import mesh_directed
+from jhd._distance.search.points import is_points
+from jhd._distance.search.search import Listener, Standing, drive
+from jhd._distance.search.solutions import CoveredPair, target
+from jhd._distance.search.surface_candidates import looked_at
+from jhd._distance.witness.derivative import with_derivatives
+from jhd._distance.witness.mixed_derivatives import with_place_derivatives
+from jhd._results.solution import DIRECTIONS, HausdorffSolution, in_direction
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._runtime.compiled import compiled
+from jhd._shapes.as_shape import check_shape, taken_as
+from jhd._shapes.checks import check_same_dim, empty_surface
+from jhd._shapes.curve import AbstractCurve, BezierSegments
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.prepared import working
+from jhd.progress import Callback
+
+Report = Callback | None
+
+
+class AbstractPair(ABC):
+    """Two checked shapes and the method for them."""
+
+    def length(self, value: Array, toward: float | None = None) -> Any:
+        """A length in the coordinates of the search; by default the user's."""
+        return value
+
+    @abstractmethod
+    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
+        """The distance in one direction, in the coordinates of the search.
+
+        Args:
+            turned: from b to a instead of from a to b.
+            level: nothing up to this length matters; None where everything does.
+            ceiling: nothing more matters above this length.
+        """
+
+    def both(self, level: Any = None, ceiling: Any = None) -> tuple[HausdorffSolution, HausdorffSolution]:
+        """Both directions as they are measured; without a level only what exceeds the first matters of the second."""
+        search = self.traced_search(level, ceiling)
+        if search is not None:
+            return in_turn(search, level, ceiling)
+        there = self.measured(level=level, ceiling=ceiling)
+        return there, self.measured(turned=True, level=there.lower if level is None else level, ceiling=ceiling)
+
+    def traced_search(self, *numbers: Any) -> TracedSearch | None:
+        """Where shapes or numbers are traced: a search, and what of one form it takes for either direction.
+
+        None where each direction is measured by itself.
+        """
+        return None
+
+    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """The solution in the unit of the shapes."""
+        return solution
+
+    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """A reported solution, its value with derivatives in both shapes."""
+        return solution
+
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        """The Hausdorff distance of both directed ones, which are reported; with derivatives in both shapes."""
+        return larger(self.differentiable(there), self.differentiable(back))
+
+    def finished(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """A measured solution as it is handed to the user."""
+        return self.differentiable(self.reported(solution))
+
+
+def pair_of(a: Any, b: Any, method: AbstractHausdorffMethod | None, progress: Report) -> AbstractPair:
+    """The pair of two shapes under a method; by default BranchAndBound().
+
+    Raises:
+        TypeError: shapes of different or unknown kinds, or a method that does not serve them.
+        ValueError: curves of different dimensions, or a surface proven empty in its box.
+    """
+    method = default_method() if method is None else method
+    a, b = taken_as("a", a), taken_as("b", b)
+    for name, shape in (("a", a), ("b", b)):
+        check_shape(name, shape)
+    check_serves(method, a, b, METHODS)
+    return _pair_for(a, b, method)(a, b, method, progress)
+
+
+class CurvePair(AbstractPair):
+    """Two curves in common coordinates, where nothing is differentiated."""
+
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        self._method = method
+        self._given = a.segments(), b.segments()
+        p, q = self._given
+        check_same_dim(p.dim, q.dim)
+        # The two-step method takes fewer samples of a segment where there are more of them.
+        sharing = isinstance(method, BranchAndBound)
+        self._a, self._b, self._frame = prepare(*undifferentiated(self._given), sharing=sharing)
+        self._listener = Listener(progress, self._frame)
+
+    @override
+    def length(self, value: Array, toward: float | None = None) -> Any:
+        return self._frame.common(value, toward)
+
+    @override
+    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
+        a, b = (self._b, self._a) if turned else (self._a, self._b)
+        aim = aim_at(level, ceiling, self._a.control_points.dtype)
+        method, direction = self._method, _direction(turned)
+        # Inside jit all operations are traced, those on known numbers too.
+        if is_tracing(a, b, method, aim):
+            return in_direction(method.directed(a, b, self._frame, aim), direction)
+        if isinstance(method, BranchAndBound):
+            wanted = wanted_of(method, a, self._frame, aim)
+            search = CurveSearch(a, b, wanted, direction, length_of_table(method, a), method.max_steps)
+            return drive(search, self._listener, direction)
+        run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
+        solution = in_direction(run(a, b, self._frame, aim), direction)
+        self._listener.report(direction, Standing(solution, False, False, 0, 0))
+        return solution
+
+    @override
+    def traced_search(self, *numbers: Any) -> TracedSearch | None:
+        a, b, method, frame = self._a, self._b, self._method, self._frame
+        alike = a.control_points.shape == b.control_points.shape
+        if not (alike and is_tracing(a, b, method, numbers)):
+            return None
+        run = lambda common, pair, aim: common[0].directed(*pair, common[1], aim)  # noqa: E731
+        return TracedSearch(run, (method, frame), (a, b), (b, a))
+
+    @override
+    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
+        return reported(self._frame, solution)
+
+    @override
+    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
+        return with_derivatives(solution, *self._given, self._frame)
+
+    @override
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        return self.differentiable(larger(there, back))
+
+
+class SurfacePair(AbstractPair):
+    """Two implicit surfaces in common coordinates, where nothing is differentiated."""
+
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        self._method, self._given = method, (a, b)
+        self._targets, self._frame = _targets(*self._given)
+        self._listener = Listener(progress, self._frame)
+
+    @override
+    def length(self, value: Array, toward: float | None = None) -> Any:
+        return self._frame.common(value, toward)
+
+    @override
+    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
+        pair = self._targets.turned() if turned else self._targets.pair()
+        aim, method, direction = aim_at(level, ceiling, self._frame.center.dtype), self._method, _direction(turned)
+        if is_tracing(pair, method, aim):
+            return method.directed_surfaces(pair, self._frame, aim, direction)
+        wanted, capacity = wanted_of(method, pair.a, self._frame, aim), length_of_table(method, pair.a)
+        return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
+
+    @override
+    def traced_search(self, *numbers: Any) -> TracedSearch | None:
+        there, back, method, frame = self._targets.pair(), self._targets.turned(), self._method, self._frame
+        if not is_tracing(there, method, numbers):
+            return None
+        run = lambda common, pair, aim: common[0].directed_surfaces(pair, common[1], aim, _direction(False))  # noqa: E731
+        return TracedSearch(run, (method, frame), there, back)
+
+    @override
+    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
+        return reported(self._frame, solution)
+
+    @override
+    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
+        return with_place_derivatives(solution, *self._given)
+
+
+class MeshPair(AbstractPair):
+    """Two meshes, in their own coordinates, where nothing is differentiated."""
+
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        self._method, self._meshes, self._listener = method, (a, b), Listener(progress)
+
+    @override
+    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
+        a, b = undifferentiated(self._meshes[::-1] if turned else self._meshes)
+        aim = undifferentiated(aim_at(level, ceiling, a.vertices.dtype))
+        direction = _direction(turned)
+        return in_direction(mesh_directed(a, b, self._method, aim, self._listener, direction), direction)
+
+    @override
+    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
+        return with_place_derivatives(solution, *self._meshes)
+
+
+class MixedPair(AbstractPair):
+    """Two shapes of any kinds, in their own coordinates; a measured distance has its derivatives already."""
+
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        self._method, self._listener = method, Listener(progress)
+        self._given = tuple(working(shape) for shape in (a, b))
+        p, q = self._given
+        check_same_dim(p.dim, q.dim)
+
+    @override
+    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
+        a, b = self._given[::-1] if turned else self._given
+        aim = undifferentiated(aim_at(level, ceiling, dtype_of(a)))
+        direction = _direction(turned)
+        return in_direction(mixed_directed(a, b, self._method, aim, self._listener, direction), direction)
+
+    @override
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        return larger_of_forms(there, back)
+
+
+class CubePair(AbstractPair):
+    """Two implicit surfaces as the cells of CubeIntervals, in their own coordinates."""
+
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        self._method = method
+        self._first, self._second, self._scale = method.cells_of(a, b, progress)
+
+    @override
+    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
+        """All of it is measured."""
+        cells = (self._second, self._first) if turned else (self._first, self._second)
+        return self._method.measured(*cells, self._scale, _direction(turned))
+
+    @override
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        return larger_interval(there, back)
+
+
+# What serves at all, in the order in which it is named.
+METHODS = BranchAndBound, TwoStep, BiarcTrimming, AlgebraicEvents, CubeIntervals
+# Two shapes of one of these kinds have an engine of their own; all others are mixed.
+_ENGINES: tuple[tuple[type, Callable[..., AbstractPair]], ...] = (
+    (AbstractCurve, CurvePair),
+    (ImplicitSurface, SurfacePair),
+    (TriangleMesh, MeshPair),
+)
+
+
+def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
+    """What measures two shapes under a method that serves them."""
+    if isinstance(method, CubeIntervals):
+        return CubePair
+    # Points among themselves are searched by trees where they are known, else as curves in one program.
+    if is_points(a) and is_points(b) and isinstance(method, BranchAndBound):
+        return CurvePair if is_tracing(undifferentiated((a, b)), method) else MixedPair
+    return next((pair for kind, pair in _ENGINES if isinstance(a, kind) and isinstance(b, kind)), MixedPair)
+
+
+@compiled
+def _in_one_go(
+    method: AbstractCurveMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
+) -> HausdorffSolution:
+    return method.directed(a, b, frame, aim)
+
+
+def _direction(turned: bool) -> Any:
+    return DIRECTIONS.b_to_a if turned else DIRECTIONS.a_to_b
+
+
+class _Targets(NamedTuple):
+    """Both surfaces with what searches start from, and which of them are proven to have no point."""
+
+    a: Target
+    b: Target
+    empty_a: Array
+    empty_b: Array
+
+    def pair(self) -> CoveredPair:
+        """The direction from a to b."""
+        return CoveredPair(self.a, self.b, self.empty_a | self.empty_b)
+
+    def turned(self) -> CoveredPair:
+        """The direction from b to a."""
+        return CoveredPair(self.b, self.a, self.empty_a | self.empty_b)
+
+
+def _targets(a: ImplicitSurface, b: ImplicitSurface) -> tuple[_Targets, Frame]:
+    """Both surfaces in common coordinates, where nothing is differentiated, and the way back."""
+    p, q, frame = prepare_surfaces(*undifferentiated((a, b)))
+    targets = _looked_at(p, q)
+    for name, empty in (("a", targets.empty_a), ("b", targets.empty_b)):
+        if not is_traced(empty) and bool(empty):
+            raise empty_surface(name)
+    return targets, frame
+
+
+def _looked_at(p: Side, q: Side) -> _Targets:
+    if not is_tracing(p, q):
+        (a, empty_a), (b, empty_b) = looked_at(p), looked_at(q)
+        return _Targets(a, b, empty_a, empty_b)
+    sides = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), p, q)
+    (a, b), (empty_a, empty_b) = (
+        [jax.tree_util.tree_map(lambda x, i=i: x[i], part) for i in range(2)] for part in jax.lax.map(target, sides)
+    )
+    return _Targets(a, b, empty_a, empty_b)

@@ -1,0 +1,258 @@
+"""Bounds of the distance from pieces of one curve to another, both replaced by circular arcs.
+
+Arcs live on the host, in NumPy, the last axis counting them; points are complex numbers in common coordinates.
+
+Source: Kim et al. 2010, section 4.2, whose test of an arc by its control polygon, condition (5), is unsafe; the test in
+`arc_reach` is exact and costs no more.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd._arithmetic.rounding import gamma
+from jhd._runtime.arrays import taken
+from jhd._shapes.deviation import HostArcs
+
+# Radii above this are cut down to it, which moves an arc by less than its sagitta: centers then lose few digits.
+_LARGEST_RADIUS = 1e6
+# How far outside of a wedge (in radians) a direction still counts as inside.
+_ABOUT = 1e-9
+# Shorter chords are points.
+_POINT = 1e-150
+# Arcs of b that are tried for each of three places of an arc of a.
+_TRIED = 3
+# Distances of discs to arcs that are formed together.
+_TABLE = 2**16
+
+
+class Arcs(NamedTuple):
+    """Arcs for distances, in common coordinates.
+
+    Args:
+        start: where each starts.
+        end: where it ends.
+        apex: where the tangents of both ends meet; the arc lies in the triangle of the three.
+        center: of its circle.
+        radius: likewise; 0 for points, whose center is the point.
+        bulge: tan(sweep / 4), positive to the left; 0 for points only.
+        deviation: distance of any point of the piece of the curve from the arc, and (but for `chords`) of any point of
+            the arc from the curve, at most.
+        segment: the segment of the curve.
+        t0: where the piece starts.
+        t1: where it ends.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    apex: np.ndarray
+    center: np.ndarray
+    radius: np.ndarray
+    bulge: np.ndarray
+    deviation: np.ndarray
+    segment: np.ndarray
+    t0: np.ndarray
+    t1: np.ndarray
+
+    @property
+    def turn(self) -> np.ndarray:
+        """1 to the left, -1 to the right."""
+        return np.sign(self.bulge)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Where each arc is half way."""
+        return 0.5 * (self.start + self.end) - 0.5j * self.bulge * (self.end - self.start)
+
+    def quarters(self) -> "Arcs":
+        """First halves and second halves of first halves and second halves; the pieces are those of the whole arcs."""
+        return self._halves()._halves()
+
+    def _halves(self) -> "Arcs":
+        bulge, middle = self.bulge / (1 + np.hypot(1, self.bulge)), self.middle
+        start, end = np.concatenate([self.start, middle]), np.concatenate([middle, self.end])
+        both = Arcs(*(np.concatenate([x, x]) for x in self._replace(bulge=bulge)))
+        return both._replace(start=start, end=end, apex=_apex(start, end, both.bulge))
+
+    take = taken
+
+
+def arcs_of(arcs: HostArcs) -> Arcs:
+    """Arcs with centers that keep their digits: radii of at most a million, whose change counts as deviation.
+
+    Arcs of one chord and one side lie within the larger sagitta of each other, |b| L / 2 with the bulge b and the
+    chord L; a line becomes the flattest arc to its left.
+    """
+    start, end, b = arcs.start, arcs.end, arcs.bulge
+    chord = end - start
+    length = np.abs(chord)
+    point = length < _POINT
+    flattest = length / (4 * _LARGEST_RADIUS)
+    flat = np.abs(b) < flattest
+    deviation = np.where(flat, arcs.deviation + 0.5 * flattest * length, arcs.deviation)
+    b = np.where(flat, np.copysign(flattest, b), b)
+    safe = np.where(point, 1.0, b)
+    center = np.where(point, start, 0.5 * (start + end) + 1j * chord * ((1 - safe) * (1 + safe) / (4 * safe)))
+    radius = np.where(point, 0.0, length * (1 + b * b) / (4 * np.abs(safe)))
+    return Arcs(start, end, _apex(start, end, b), center, radius, b, deviation, arcs.segment, arcs.t0, arcs.t1)
+
+
+def chords(segment: np.ndarray, t0: np.ndarray, t1: np.ndarray, points: np.ndarray) -> Arcs:
+    """Pieces of a curve by their chords; deviations are those of the pieces from the chords, and not the reverse.
+
+    The distance to a chord is a convex function, so its largest value at the control points bounds that on the piece.
+
+    Args:
+        segment: the segments of the pieces.
+        t0: where each starts.
+        t1: where it ends.
+        points: control points of the pieces, complex (points, pieces), off by gamma(9 n) in each coordinate.
+    """
+    start, end = points[0], points[-1]
+    chord, offsets = end - start, points - start
+    square = np.abs(chord) ** 2
+    share = np.real(offsets * chord.conj()) / np.where(square > 0, square, 1.0)
+    off = np.abs(offsets - np.clip(share, 0.0, 1.0) * chord).max(axis=0)
+    # Rounding: twice the error of the points, and ten of the arithmetic on coordinates of at most two.
+    slack = gamma(26 * len(points) + 40, np.float64)
+    return arcs_of(HostArcs(segment, t0, t1, start, end, np.zeros(len(t0)), off + slack))
+
+
+def _apex(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
+    return 0.5 * (start + end) - 1j * (end - start) * (bulge / ((1 - bulge) * (1 + bulge)))
+
+
+def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.imag(x.conj() * y)
+
+
+def _in_wedge(arcs: Arcs, offset: np.ndarray) -> np.ndarray:
+    """Whether offsets from the centers point into the wedges of the arcs, or next to them; 0 does."""
+    first, last = arcs.start - arcs.center, arcs.end - arcs.center
+    least = -_ABOUT * arcs.radius * np.abs(offset)
+    return (arcs.turn * _cross(first, offset) >= least) & (arcs.turn * _cross(offset, last) >= least)
+
+
+def _largest(arcs: Arcs, point: np.ndarray) -> np.ndarray:
+    """Largest distance of the points of each arc from a point: on the line to the center, or at an end."""
+    between = point - arcs.center
+    high = np.maximum(np.abs(arcs.start - point), np.abs(arcs.end - point))
+    return np.where(_in_wedge(arcs, -between), np.maximum(high, np.abs(between) + arcs.radius), high)
+
+
+def _smallest(arcs: Arcs, point: np.ndarray) -> np.ndarray:
+    """Smallest distance of the points of each arc from a point."""
+    between = point - arcs.center
+    low = np.minimum(np.abs(arcs.start - point), np.abs(arcs.end - point))
+    return np.where(_in_wedge(arcs, between), np.minimum(low, np.abs(np.abs(between) - arcs.radius)), low)
+
+
+def arc_reach(d: Arcs, c: Arcs) -> np.ndarray:
+    """Bounds of the largest distance of the curve piece of each arc d to the curve piece of the arc c beside it.
+
+    Let x be a point of the arc d. Its distance to c is | |x - o| - r | where x lies in the wedge of c, and at most the
+    distance to either end of c anyway. The wedge is convex, for arcs turn by less than half a circle, so d lies in it
+    with its control triangle; then the largest | |x - o| - r | is taken at the smallest or at the largest |x - o|. The
+    distance along a circle is extreme on the line of the centers; on an arc, there or at its ends. Elsewhere the
+    largest |x - p| for an end p of c is the same formula with another center. A point of the piece of d is within its
+    deviation of the arc, and a point of the arc c within its deviation of b. So the distance to b of the whole piece is
+    at most the sum. (Any pair of arcs gives a bound; which, needs no proof.)
+
+    Rounding: ends, centers and distances are right up to gamma(64) (1 + r_c + r_d), for coordinates of at most one. A
+    point that only rounding puts into the wedge is as near to it, and the arc as near to the radial foot. What lies
+    next to the wedge of d only enlarges the range. The slack of gamma(200) (1 + r_c + r_d) covers the sum.
+    """
+    bound = np.minimum(_largest(d, c.start), _largest(d, c.end))
+    first, last = c.start - c.center, c.end - c.center
+    inside = c.radius > 0
+    for x in (d.start, d.end, d.apex):
+        offset = x - c.center
+        inside &= (c.turn * _cross(first, offset) >= 0) & (c.turn * _cross(offset, last) >= 0)
+    rows = np.flatnonzero(inside)
+    e, f = d.take(rows), c.take(rows)
+    radial = np.maximum(_largest(e, f.center) - f.radius, f.radius - _smallest(e, f.center))
+    bound[rows] = np.minimum(bound[rows], radial)
+    return bound + gamma(200, np.float64) * (1 + c.radius + d.radius) + c.deviation + d.deviation
+
+
+class ArcTarget:
+    """The arcs of b, where the ones next to a place are looked up by their ends and middles.
+
+    Args:
+        arcs: at least one.
+    """
+
+    def __init__(self, arcs: Arcs):
+        from scipy.spatial import KDTree
+
+        self.arcs, self.largest_deviation = arcs, float(np.max(arcs.deviation))
+        self._tree: Any = KDTree(_plane(np.concatenate([arcs.start, arcs.middle, arcs.end])))
+
+    def near(self, x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The distances of places to the nearest of all ends and middles, and the arcs of these, (places, count).
+
+        A place is no farther from the arc than this; the arcs need not differ.
+        """
+        distance, index = self._tree.query(_plane(x), k=np.arange(1, count + 1))
+        return distance, index % len(self.arcs.t0)
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Distances of places to arcs, for ranking."""
+        beside = self.near(x, _TRIED)[1]
+        return _smallest_of(self.arcs.take(beside.T), x).min(axis=0)
+
+    def reach(self, d: Arcs) -> np.ndarray:
+        """Bounds of the distance to b for the piece of each arc of a, by some arcs next to its ends and its middle."""
+        number = len(d.t0)
+        if not number:
+            return np.zeros(0)
+        beside = self.near(np.concatenate([d.start, d.middle, d.end]), _TRIED)[1].reshape(3, number, -1)
+        beside = np.moveaxis(beside, 1, -1).reshape(-1, number)
+        bounds = arc_reach(d.take(np.tile(np.arange(number), len(beside))), self.arcs.take(beside.ravel()))
+        return bounds.reshape(beside.shape).min(axis=0)
+
+    def reach_by_quarters(self, d: Arcs) -> np.ndarray:
+        """Likewise, the largest of the bounds of the quarters.
+
+        A long arc lies beside several arcs of b, a quarter of it beside one. Every point of the piece is within the
+        deviation of a point of one of the quarters.
+        """
+        return self.reach(d.quarters()).reshape(4, len(d.t0)).max(axis=0)
+
+    def coarse_reach(self, d: Arcs) -> np.ndarray:
+        """Likewise, by the nearest of the ends and middles of the arcs of b to the middle of each arc.
+
+        No point of an arc is farther from its middle than its ends are, as arcs turn by less than half a circle.
+        """
+        middle = d.middle
+        distance, beside = (x[:, 0] for x in self.near(middle, 1))
+        c_radius, c_deviation = self.arcs.radius[beside], self.arcs.deviation[beside]
+        slack = gamma(200, np.float64) * (1 + c_radius + d.radius)
+        return distance + np.abs(d.start - middle) + slack + c_deviation + d.deviation
+
+    def within(self, center: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Discs, and for each in order the arcs whose pieces of b may meet it: none is missed, rounding included."""
+        discs, arcs = [], []
+        step = max(1, _TABLE // len(self.arcs.t0))
+        slack = gamma(200, np.float64) * (2 + self.arcs.radius) + self.arcs.deviation
+        for start in range(0, len(center), step):
+            rows = slice(start, start + step)
+            met = _smallest_of(self.arcs, center[rows, None]) <= radius[rows, None] + slack
+            disc, arc = np.nonzero(met)
+            discs.append(start + disc)
+            arcs.append(arc)
+        return (np.concatenate(discs), np.concatenate(arcs)) if discs else (np.zeros(0, int), np.zeros(0, int))
+
+
+def _plane(x: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(x).view(np.float64).reshape(-1, 2)
+
+
+def _smallest_of(arcs: Arcs, x: np.ndarray) -> np.ndarray:
+    """Distances of places to the arcs themselves, up to gamma(200) (1 + radius).
+
+    A place that only rounding or `_ABOUT` puts into the wedge is given less than its distance.
+    """
+    offset = x - arcs.center
+    ends = np.minimum(np.abs(x - arcs.start), np.abs(x - arcs.end))
+    return np.where(_in_wedge(arcs, offset), np.abs(np.abs(offset) - arcs.radius), ends)

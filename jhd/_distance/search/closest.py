@@ -1,0 +1,310 @@
+"""The search for the minimum distance: pairs of cells, those with the smallest bounds cut first.
+
+The table of pairs is sorted by lower bound. A step takes the first of them, cuts each in two where it is longest in
+space, bounds the halves, and sorts them in. Pairs whose bounds come within the tolerance of the smallest distance found
+are closed; what does not fit into the table is left out and its bound kept, so that the bounds are true whatever
+happens.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import sequential_vmap
+from jaxtyping import Array
+
+from jhd._arithmetic.rounding import gamma
+from jhd._arithmetic.scaling import length
+from jhd._distance.cells.pairs import BestPair, Cell, Parametric
+from jhd._distance.cells.tracked_feet import PairProblem
+from jhd._distance.normalization.coordinates import Frame, diagonal
+from jhd._distance.normalization.net_jets import Net, eta, point_error
+from jhd._distance.normalization.stopping import default_tolerance
+from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._results.solution import RESULTS, MinimumSolution, result_where
+from jhd._runtime.arrays import is_traced, varying
+
+# Pairs that are cut in one step.
+WIDTH = 16
+# Steps of the first stretch from the host, and how the table grows.
+_FIRST_STEPS, _GROWTH = 64, 4
+# A table beyond this length is not exchanged for a longer one: it would fill the memory.
+_LONGEST = 1 << 20
+# Pairs are closed below the tolerance, so that the errors of the ends cannot exceed it.
+_CLOSE = 0.9
+# So many pairs left when a search ends belong to a family of nearest pairs.
+_FAMILY = 400
+# Half the steps are taken, and so many at least, before a search may be given up; the steps that it seems to need are
+# then so many times those left. Minima that close by bounds with moving feet need up to twice those left.
+_LATE, _HOPELESS = 1024, 8
+
+
+class WantedGap(NamedTuple):
+    """Tolerances in common coordinates, whether atol was asked for, and the most steps that may be taken for them.
+
+    If atol was asked for, no wider gap counts as closed.
+    """
+
+    atol: Array
+    rtol: Array
+    given: Array
+    most: Array
+
+
+def wanted_gap(corners: Sequence[tuple[Any, Any]], frame: Frame, method: BranchAndBound, floor: Any) -> WantedGap:
+    """What a method asks for; by default the tolerance of shapes with these corners, but at least the floor."""
+    xp: Any = jnp if is_traced(corners, frame, method) else np
+    dtype = corners[0][0].dtype
+    default = method.atol is None
+    absolute = default_tolerance(diagonal(corners), dtype, floor) if default else frame.common(method.atol)
+    numbers = xp.asarray(absolute, dtype), xp.asarray(method.rtol, dtype)
+    return WantedGap(*numbers, xp.asarray(not default), xp.asarray(method.max_steps))
+
+
+class ClosestState(NamedTuple):
+    """The table sorted by lower bound (free places have an infinite one), and what is known beside it."""
+
+    lower: Array
+    cell: Cell
+    axis: Array
+    best: BestPair
+    settled: Array
+    lost: Array
+    steps: Array
+    pairs: Array
+
+
+class Outcome(NamedTuple):
+    """The outcome of a search, in common coordinates."""
+
+    best: BestPair
+    lower: Array
+    upper: Array
+    point_a: Array
+    point_b: Array
+    result: Any
+    stats: dict[str, Array]
+
+    def solution(self, frame: Frame) -> MinimumSolution:
+        """What is handed to the user, in the coordinates that the frame leads back to."""
+        value, lower = frame.length(self.best.distance), frame.length(self.lower, 0.0)
+        upper, result = frame.length(self.upper, np.inf), self.result
+        if is_traced(frame.usable):
+            good = frame.usable
+            value, upper = jnp.where(good, value, jnp.inf), jnp.where(good, upper, jnp.inf)
+            lower, result = jnp.where(good, lower, 0.0), result_where(good, result, RESULTS.nonfinite_value)
+        points = frame.place(self.point_a), frame.place(self.point_b)
+        return MinimumSolution(value, lower, upper, *points, result, self.stats)
+
+
+def pairs_of(counts: tuple[int, ...]) -> np.ndarray:
+    """All pairs of so many pieces, in rows."""
+    return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def begin(problem: Parametric, pairs: Array, valid: Array, capacity: int) -> ClosestState:
+    """The table with some pairs of whole pieces, and a first distance, between corners of pieces."""
+    a, b = problem[:2]
+    n = a.parameters + b.parameters
+    k, m = pairs[:, 0], pairs[:, 1]
+    dtype = a.points.dtype
+
+    def extents(net: Net) -> Array:
+        sizes = []
+        for axis in (-3, -2)[: net.parameters]:
+            steps = jnp.max(jnp.abs(jnp.diff(net.points, axis=axis)), axis=(-3, -2, -1), initial=0.0)
+            sizes.append(steps * (net.points.shape[axis] - 1))
+        return jnp.stack(sizes, axis=-1)
+
+    axis = jnp.argmax(jnp.concatenate([extents(a)[k], extents(b)[m]], axis=-1), axis=-1)
+    lower = jnp.where(valid, gaps(a, b, k, m), jnp.inf)
+    e = a.points[k, 0, 0] - b.points[m, 0, 0]
+    distance = jnp.where(valid, jax.vmap(length)(e), jnp.inf)
+    i = jnp.argmin(distance)
+    # The corner is a point of the shape; the difference is rounded once.
+    upper = distance[i] * (1 + gamma(16, dtype)) + point_error(a)
+    best = BestPair(upper, distance[i], k[i], m[i], jnp.zeros((n,), dtype))
+    zeros, ones = jnp.zeros((len(pairs), n), dtype), jnp.ones((len(pairs), n), dtype)
+    return table_of(lower, Cell(k, m, zeros, ones), axis, best, capacity)
+
+
+def table_of(lower: Array, cell: Cell, axis: Array, best: BestPair, capacity: int) -> ClosestState:
+    """The table with these pairs of cells."""
+    count, dtype = lower.shape[0], lower.dtype
+    lower, cell, axis = jax.tree_util.tree_map(partial(_padded, capacity), (lower, cell, axis))
+    lower = jnp.where(np.arange(lower.size) < count, lower, jnp.inf)
+    order = jnp.argsort(lower)
+    cell, axis = jax.tree_util.tree_map(lambda x: x[order], (cell, axis))
+    zero = jnp.array(0)
+    infinite = jnp.full((), jnp.inf, dtype)
+    return ClosestState(lower[order], cell, axis, best, infinite, jnp.array(False), zero, zero)
+
+
+def _padded(capacity: int, x: Array) -> Array:
+    return jnp.pad(x, [(0, max(capacity - x.shape[0], 0)), *[(0, 0)] * (x.ndim - 1)])
+
+
+def gaps(a: Net, b: Net, k: Array, m: Array) -> Array:
+    """Lower bounds of the distances of whole pieces, by the boxes of their control points."""
+    lows = [jnp.min(net.points, axis=(-3, -2)) for net in (a, b)]
+    highs = [jnp.max(net.points, axis=(-3, -2)) for net in (a, b)]
+    apart = jnp.maximum(jnp.maximum(lows[0][k] - highs[1][m], lows[1][m] - highs[0][k]), 0.0)
+    found = jax.vmap(length)(apart) * (1 - gamma(16, apart.dtype))
+    return jnp.maximum(found - eta(a) - eta(b), 0.0)
+
+
+def room_for(pairs: int, capacity: int) -> int:
+    """The length of a table that holds so many pairs and the halves of those that a step takes."""
+    return max(capacity, 4 * WIDTH, 1 << (2 * pairs - 1).bit_length())
+
+
+def lower_of(state: ClosestState) -> Array:
+    """The proven lower bound reached."""
+    return jnp.minimum(jnp.minimum(state.lower[0], state.settled), state.best.upper)
+
+
+def tolerance_of(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
+    """The gap that closes the search: what is asked for, or what rounding leaves."""
+    found = jnp.where(jnp.isfinite(state.best.upper), state.best.upper, 0.0)
+    return jnp.maximum(jnp.maximum(wanted.atol, wanted.rtol * found), problem.floor)
+
+
+def is_open(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
+    """Whether there are pairs that may hold a distance smaller by more than the tolerance."""
+    return state.lower[0] < close_enough(problem, wanted, state)
+
+
+def is_hopeless(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
+    """Whether a family of nearest pairs needs far more steps than are left.
+
+    The number of its pairs grows at least like the root of the inverse of the gap: over a curve of them the bounds are
+    of second order in the size of the cells.
+    """
+    late, found = state.steps >= jnp.maximum(wanted.most // 2, _LATE), jnp.isfinite(state.best.upper)
+    gap = jnp.where(found, state.best.upper - lower_of(state), 0.0)
+    pairs = jnp.sum(jnp.isfinite(state.lower)) * jnp.sqrt(gap / tolerance_of(problem, wanted, state))
+    return late & (pairs > _HOPELESS * WIDTH * (wanted.most - state.steps))
+
+
+def is_full(state: ClosestState) -> Array:
+    """Whether the next step may find no room."""
+    return jnp.isfinite(state.lower[state.lower.size - WIDTH])
+
+
+def advance(
+    problem: PairProblem, wanted: WantedGap, state: ClosestState, limit: Array | int, growing: Array | bool = False
+) -> ClosestState:
+    """Goes on until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
+
+    def going_on(state: ClosestState) -> Array:
+        open_ = is_open(problem, wanted, state) & ~is_hopeless(problem, wanted, state) & (state.steps < limit)
+        return open_ & ~(jnp.asarray(growing) & is_full(state))
+
+    start = varying(state, problem, wanted)
+    return jax.lax.while_loop(going_on, lambda state: _step(problem, wanted, state), start)
+
+
+def _step(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> ClosestState:
+    capacity = state.lower.size
+    taken, lower, axis = jax.tree_util.tree_map(lambda x: x[:WIDTH], (state.cell, state.lower, state.axis))
+    middle = 0.5 * (taken.low + taken.high)
+    cut = jnp.arange(taken.low.shape[-1]) == axis[:, None]
+    halves = Cell(
+        jnp.concatenate([taken.piece_a, taken.piece_a]),
+        jnp.concatenate([taken.piece_b, taken.piece_b]),
+        jnp.concatenate([taken.low, jnp.where(cut, middle, taken.low)]),
+        jnp.concatenate([jnp.where(cut, middle, taken.high), taken.high]),
+    )
+    before = jnp.concatenate([lower, lower])
+    found = jax.vmap(problem.bound)(halves)
+    valid = jnp.isfinite(before)
+    upper = jnp.where(valid & (found.upper >= 0), found.upper, jnp.inf)
+    i = jnp.argmin(upper)
+    new = BestPair(upper[i], found.distance[i], halves.piece_a[i], halves.piece_b[i], found.x[i])
+    better = upper[i] < state.best.upper
+    best = BestPair(*(jnp.where(better, x, y) for x, y in zip(new, state.best, strict=True)))
+    # Where something overflowed nothing is known but what the whole cell had.
+    lowers = jnp.where(jnp.isnan(found.lower), before, jnp.maximum(found.lower, before))
+    lowers = jnp.where(valid, lowers, jnp.inf)
+    state = state._replace(best=best, steps=state.steps + 1, pairs=state.pairs + jnp.sum(valid))
+    closed = (lowers >= close_enough(problem, wanted, state)) | found.thin
+    settled = jnp.minimum(state.settled, jnp.min(jnp.where(closed, lowers, jnp.inf)))
+    lowers = jnp.where(closed, jnp.inf, lowers)
+    every = jnp.concatenate([lowers, jnp.where(np.arange(capacity) < WIDTH, jnp.inf, state.lower)])
+    order = jnp.argsort(every)
+    kept = every[order]
+    settled, lost = jnp.minimum(settled, kept[capacity]), state.lost | jnp.isfinite(kept[capacity])
+
+    def merged(new: Array, old: Array) -> Array:
+        return jnp.concatenate([new, old])[order[:capacity]]
+
+    cell = jax.tree_util.tree_map(merged, found.cell, state.cell)
+    return state._replace(
+        lower=kept[:capacity],
+        cell=cell,
+        axis=merged(jnp.argmax(found.extent, axis=-1), state.axis),
+        settled=settled,
+        lost=lost,
+    )
+
+
+def news_of(problem: PairProblem, wanted: WantedGap, state: ClosestState, growing: Array) -> Array:
+    """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
+    going_on = is_open(problem, wanted, state) & ~is_hopeless(problem, wanted, state)
+    full = going_on & jnp.asarray(growing) & is_full(state)
+    return jnp.stack([going_on, full, state.steps, jnp.sum(jnp.isfinite(state.lower))])
+
+
+def outcome(
+    wanted: WantedGap, state: ClosestState, best: BestPair, ends: tuple[Any, Any], points: tuple[Any, Any], floor: Any
+) -> Outcome:
+    """The outcome of the search as it stands, with the bounds and nearest points, and what rounding leaves."""
+    lower, upper = ends
+    relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
+    granted = jnp.maximum(jnp.maximum(wanted.atol, relative), jnp.where(wanted.given, 0.0, 2 * floor))
+    waiting = jnp.sum(jnp.isfinite(state.lower))
+    failed = result_where(waiting >= _FAMILY, RESULTS.nonisolated_maxima, RESULTS.gap_not_closed)
+    failed = result_where(state.lost, RESULTS.capacity_reached, failed)
+    failed = result_where(jnp.isfinite(upper), failed, RESULTS.existence_not_certified)
+    result = result_where(upper - lower <= granted, RESULTS.successful, failed)
+    stats = {"steps": state.steps, "pairs": state.pairs, "waiting": waiting}
+    best = best._replace(distance=jnp.clip(best.distance, lower, upper))
+    return Outcome(best, lower, upper, *points, result, stats)
+
+
+def in_one_go(
+    begun: Callable[[Any], ClosestState],
+    ended: Callable[[Any, WantedGap, ClosestState], Outcome],
+    problem: PairProblem,
+    wanted: WantedGap,
+    max_steps: int,
+) -> Outcome:
+    """All in one program; of a batch the searches run one after the other on a CPU, side by side elsewhere."""
+
+    def search(problem: PairProblem, wanted: WantedGap) -> Outcome:
+        return ended(problem, wanted, advance(problem, wanted, begun(problem), max_steps))
+
+    if jax.default_backend() == "cpu":
+        search = sequential_vmap(search)
+    return search(problem, wanted)
+
+
+def may_grow(state: ClosestState) -> bool:
+    """Whether a longer table would not fill the memory."""
+    return state.lower.size < _LONGEST
+
+
+def longer(state: ClosestState) -> ClosestState:
+    """The same table with more room."""
+    size = _GROWTH * state.lower.size
+    lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
+    cell, axis = jax.tree_util.tree_map(partial(_padded, size), (state.cell, state.axis))
+    return state._replace(lower=lower, cell=cell, axis=axis)
+
+
+def close_enough(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
+    """The bound from which on pairs cannot hold a distance smaller by more than the tolerance."""
+    return state.best.upper - _CLOSE * tolerance_of(problem, wanted, state)

@@ -1,0 +1,248 @@
+"""How the distance to a shape is distributed along another one: its mean, its root mean square, and cells for the rest.
+
+Cells of a with proven measures (jhd._distance.search.weighted_cells) get proven bounds of the distance over them and of
+its means there (jhd._distance.cells.mean_bounds). A step cuts those that leave most of the gaps, until both means are
+known to the tolerance. What is asked for later (quantiles, shares) comes from the same cells.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from typing_extensions import override
+
+from jhd._arithmetic.rounding import gamma, smallest_normal
+from jhd._distance.cells.arc_length_area import FlatCells
+from jhd._distance.cells.mean_bounds import NEAR, OverCells, distances_over
+from jhd._distance.cells.weighted import Values, Weights, mean_bounds, quantile_bounds
+from jhd._distance.nearest.target import AbstractTarget
+from jhd._distance.search.cell_heights import CellHeights
+from jhd._distance.search.search import AbstractSearch, Standing
+from jhd._distance.search.sources import CellRows
+from jhd._distance.search.weighted_cells import AbstractMeasured
+from jhd._results.solution import RESULTS
+
+# Cells cut in a step, at most and, where there are so many, at least; and the share of the gap that they leave.
+_BATCH, _LEAST, _MOST_OF = 1 << 13, 64, 0.8
+# Cells are cut down to this width.
+_THIN = 2.0**-40
+# What a cell without an upper bound leaves open; sums of it stay finite.
+_UNKNOWN = 1e200
+# Steps of the first stretch.
+_FIRST_STEPS = 4
+# More than the roundings of a square or root and of this factor; squares that underflow are less than what the common
+# coordinates are off by (jhd._distance.deviation).
+_FEW = gamma(8, np.float64)
+# What is counted: steps, and cells at the end.
+COUNTS = "steps", "cells"
+
+
+class DistanceCells(NamedTuple):
+    """Cells of a, what they measure and how far they are, in common coordinates.
+
+    Args:
+        cells: which they are.
+        flat: flat pieces beside them, with their measures.
+        over: bounds of the distance.
+    """
+
+    cells: CellRows
+    flat: FlatCells
+    over: OverCells
+
+    @property
+    def weights(self) -> Weights:
+        """Bounds of the measures."""
+        return Weights(self.flat.lower, self.flat.upper)
+
+    @property
+    def values(self) -> Values:
+        """Bounds of the distance."""
+        return Values(self.over.lower, self.over.upper, self.over.ends)
+
+    def take(self, rows: Any) -> "DistanceCells":
+        """Some of the cells."""
+        return jax.tree_util.tree_map(lambda x: x[rows], self)
+
+    def join(self, other: "DistanceCells") -> "DistanceCells":
+        """These and others."""
+        return jax.tree_util.tree_map(lambda x, y: np.concatenate([x, y]), self, other)
+
+
+class Distribution(NamedTuple):
+    """What is known of the distance along a, in common coordinates.
+
+    Args:
+        lower: of the mean.
+        upper: likewise.
+        rms: bounds of the root mean square.
+        result: a member of RESULTS.
+        cells: all of a.
+        steps: that were taken.
+    """
+
+    lower: float
+    upper: float
+    rms: tuple[float, float]
+    result: Any
+    cells: DistanceCells
+    steps: int
+
+
+class _DistributionState(NamedTuple):
+    table: DistanceCells
+    steps: int
+
+
+class DistributionSearch(AbstractSearch):
+    """The search.
+
+    Args:
+        source: the shape along which the distance is looked at.
+        target: the shape that distances are taken to, in the same coordinates.
+        dtype: of their numbers.
+        most: an upper bound of all distances, infinite where none is known.
+        allowed: the gap that may stay at an upper bound.
+        max_cells: most cells.
+        max_steps: most steps.
+        share: one whose quantile is to be known to the tolerance too, or None.
+        heights: bounds of the cells by heights, where the target is a curved shape.
+    """
+
+    first_steps = _FIRST_STEPS
+
+    def __init__(
+        self,
+        source: AbstractMeasured,
+        target: AbstractTarget,
+        dtype: Any,
+        most: float,
+        allowed: Callable[[float], float],
+        max_cells: int,
+        max_steps: int,
+        share: float | None = None,
+        heights: CellHeights | None = None,
+    ):
+        self._source, self._target, self._dtype, self._most = source, target, np.dtype(dtype), most
+        self._allowed, self._max_cells, self.max_steps, self._share = allowed, max_cells, max_steps, share
+        self._heights = heights
+
+    @override
+    def begin(self) -> _DistributionState:
+        cells = self._source.cover()
+        return _DistributionState(self._bounded(cells, None), 0)
+
+    @override
+    def advance(self, state: _DistributionState, limit: int, growing: bool) -> tuple[_DistributionState, Standing]:
+        found, scores = self._found(state)
+        while self._goes_on(found, scores) and state.steps < limit:
+            state = self._step(state, scores)
+            found, scores = self._found(state)
+        waiting = int(np.count_nonzero(scores))
+        return state, Standing(found, self._goes_on(found, scores), False, state.steps, waiting)
+
+    @override
+    def longer(self, state: _DistributionState) -> _DistributionState:
+        """It is never full."""
+        return state
+
+    def _bounded(self, cells: CellRows, parents: OverCells | None) -> DistanceCells:
+        """Cells with all their bounds; those of the cells that they are parts of hold for them too."""
+        flat = self._source.flat(cells)
+        if self._source.dimension == 0:
+            return DistanceCells(cells, flat, self._measured(flat.corners[:, 0], flat.slack))
+        reach = np.full(len(cells.piece), NEAR) if parents is None else parents.reach
+        heights = None if self._heights is None else partial(self._heights.over, cells)
+        over = distances_over(flat, self._target, self._dtype, reach, self._allowed(0.0), heights)
+        upper = np.minimum(over.upper, self._most)
+        lower = over.lower
+        if parents is not None:
+            lower, upper = np.maximum(lower, parents.lower), np.minimum(upper, parents.upper)
+        # What is known everywhere holds for the means.
+        mean = np.stack([np.maximum(over.mean[:, 0], lower), np.minimum(over.mean[:, 1], upper)], axis=1)
+        ends = [np.maximum(over.square[:, 0], _down(lower**2)), np.minimum(over.square[:, 1], _up(upper**2))]
+        over = over._replace(lower=lower, upper=upper, mean=mean, square=np.stack(ends, axis=1))
+        return DistanceCells(cells, flat, over)
+
+    def _measured(self, points: np.ndarray, slack: np.ndarray) -> OverCells:
+        """The bounds at single points."""
+        found = self._target.nearest(points.astype(self._dtype))
+        lower = _down(np.maximum(found.lower.astype(np.float64) - slack, 0.0))
+        upper = np.minimum(_up(found.upper.astype(np.float64) + slack), self._most)
+        mean = np.stack([lower, upper], axis=1)
+        square = np.stack([_down(lower**2), _up(upper**2)], axis=1)
+        nothing = np.zeros_like(lower)
+        return OverCells(lower, upper, mean, square, nothing, mean[:, None], nothing[:, None])
+
+    def _found(self, state: _DistributionState) -> tuple[Distribution, np.ndarray]:
+        """What is known, and how much each cell leaves open, in units of what is allowed."""
+        table = state.table
+        weights, over = table.weights, table.over
+        mean = mean_bounds(weights, over.mean[:, 0], over.mean[:, 1])
+        square = mean_bounds(weights, over.square[:, 0], over.square[:, 1])
+        rms = max(float(_down(np.sqrt(square[0]))), mean[0]), float(_up(np.sqrt(square[1])))
+        mean = mean[0], min(mean[1], rms[1])
+        scores = np.zeros(len(weights.lower))
+        for ends, values, bounds, unit in (
+            (mean, over.mean, mean, 1.0),
+            (rms, over.square, square, 2 * max(rms[0], self._allowed(rms[1]))),
+        ):
+            goal = self._allowed(ends[1])
+            if not self._closed(ends):
+                scores += _left_open(weights, values, bounds) / (unit * goal)
+        level = (0.0, 0.0)
+        if self._share is not None:
+            level = quantile_bounds(weights, table.values, self._share)
+            level = level[0], min(level[1], self._most)
+            if not self._closed(level):
+                # What may lie on either side of the level.
+                across = np.minimum(over.upper, level[1]) - np.maximum(over.lower, level[0])
+                across = np.minimum(across, np.max(over.ends[..., 1] - over.ends[..., 0], axis=1))
+                scores += np.maximum(across, 0.0) * weights.upper / (self._allowed(level[1]) * np.sum(weights.upper))
+        width = np.max(np.abs(table.cells.high - table.cells.low), axis=1, initial=0.0)
+        scores = np.where(width > _THIN, np.nan_to_num(scores, nan=0.0, posinf=_UNKNOWN), 0.0)
+        full = len(scores) >= self._max_cells
+        result = RESULTS.capacity_reached if full else RESULTS.gap_not_closed
+        if self._closed(mean) and self._closed(rms) and self._closed(level):
+            result = RESULTS.successful
+        elif not np.isfinite(mean[1]):
+            result = RESULTS.existence_not_certified
+        found = Distribution(*mean, rms, result, table, state.steps)
+        return found, np.zeros_like(scores) if result == RESULTS.successful else scores
+
+    def _closed(self, ends: tuple[float, float]) -> bool:
+        return bool(np.isfinite(ends[1]) and ends[1] - ends[0] <= self._allowed(ends[1]))
+
+    def _goes_on(self, found: Distribution, scores: np.ndarray) -> bool:
+        closed = found.result == RESULTS.successful
+        return not closed and self._source.dimension > 0 and len(scores) < self._max_cells and bool(np.any(scores))
+
+    def _step(self, state: _DistributionState, scores: np.ndarray) -> _DistributionState:
+        """The cells that leave most open, cut."""
+        order = np.argsort(-scores, kind="stable")
+        shares = np.cumsum(scores[order]) / np.sum(scores)
+        count = min(max(int(np.searchsorted(shares, _MOST_OF)) + 1, _LEAST), _BATCH, np.count_nonzero(scores))
+        table = state.table
+        taken, rest = table.take(order[:count]), table.take(order[count:])
+        cells, parent = self._source.cut(taken.cells, taken.flat, taken.over.parting)
+        parts = self._bounded(cells, taken.over.take(parent))
+        return _DistributionState(rest.join(parts), state.steps + 1)
+
+
+def _left_open(weights: Weights, values: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
+    """By how much the bounds of a mean may differ for each cell: its own bounds, and those of its weight."""
+    middle = 0.5 * (bounds[0] + bounds[1])
+    off = np.maximum(np.abs(values[:, 1] - middle), np.abs(values[:, 0] - middle))
+    with np.errstate(invalid="ignore"):
+        open_ = weights.upper * (values[:, 1] - values[:, 0]) + (weights.upper - weights.lower) * off
+    return open_ / max(float(np.sum(weights.upper)), smallest_normal(np.float64))
+
+
+def _down(x: Any) -> Any:
+    return x * (1 - _FEW)
+
+
+def _up(x: Any) -> Any:
+    return x * (1 + _FEW)

@@ -1,0 +1,368 @@
+"""Minimum distances where a shape is an implicit surface: the search, and derivatives of its answer.
+
+All of it is in common coordinates, to which surfaces and control points move without rounding where they are known.
+From the host the nearest points found are made sharp between the stretches of the search: the Lagrange system is solved
+about them, and signs in integers prove the surface to be within an ulp or two, where those of enclosures need hundreds.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd._arithmetic.rounding import gamma, smallest_normal
+from jhd._arithmetic.scaling import length
+from jhd._distance.cells.implicit import error_of, parameters, size_of
+from jhd._distance.cells.lagrange import WithSurface, joined_upper, stationary
+from jhd._distance.cells.pairs import BestPair, Cell
+from jhd._distance.nearest.surface_points import exact_radius
+from jhd._distance.normalization.coordinates import Frame, extremes
+from jhd._distance.normalization.net_jets import Net, jet
+from jhd._distance.normalization.nets import net_of, repeated
+from jhd._distance.normalization.surfaces import Side, prepare_surfaces
+from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._distance.search.closest import (
+    ClosestState,
+    Outcome,
+    WantedGap,
+    advance,
+    close_enough,
+    in_one_go,
+    lower_of,
+    news_of,
+    outcome,
+    pairs_of,
+    room_for,
+    table_of,
+    wanted_gap,
+)
+from jhd._distance.search.from_program import from_program
+from jhd._distance.search.isolated_pairs import isolated_pairs
+from jhd._distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
+from jhd._distance.search.pair_queue import PART, QueuedSearch
+from jhd._distance.search.search import AbstractSearch, Listener, drive
+from jhd._distance.search.surface_candidates import looked_at
+from jhd._distance.search.targets import usable
+from jhd._distance.search.two_phase_minimum import InTurn, with_feet
+from jhd._distance.witness.mixed_derivatives import with_pair_derivatives
+from jhd._results.solution import RESULTS, MinimumSolution
+from jhd._runtime.arrays import is_tracing, undifferentiated
+from jhd._runtime.compiled import compiled
+from jhd._shapes.checks import empty_surface
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd.progress import Callback
+
+# The room for rounding where points are made sharp; the half side, as a share of the size, of the cells for that, and
+# steps there.
+_ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
+# Up to so many pieces all pairs are searched, each over the whole surface; more are thinned out before the search.
+_FEW = 64
+# A number of steps that no search takes.
+_ENDLESS = 1 << 30
+# Steps over a few near pieces, for a first distance.
+_FIRST = 32
+# How often these are exchanged for others, while that brings the points nearer by this share.
+_TIMES, _NEARER = 12, 0.99
+
+
+def with_surface(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
+    """Minimum distance of two shapes of which one at least is an implicit surface.
+
+    Raises:
+        ValueError: a surface that is proven to have no point in its box (not under jit).
+    """
+    shapes = tuple(shape if isinstance(shape, ImplicitSurface) else net_of(shape) for shape in (a, b))
+    still: Any = undifferentiated(shapes)
+    is_mesh = isinstance(a, TriangleMesh)
+    if not is_tracing(still, method):
+        found = _from_here(still, method, is_mesh, progress)
+    elif max(map(_count, shapes)) > _FEW:
+        found = _from_program(still, method, is_mesh)
+    else:
+        found = _in_program(still, method)
+    outcome, solution = undifferentiated(found)
+    best = outcome.best
+    return with_pair_derivatives(solution, shapes, (best.piece_a, best.piece_b), best.x, best.distance)
+
+
+class _FoundBoth(NamedTuple):
+    """What a search found, in common coordinates and in the user's."""
+
+    outcome: Outcome
+    solution: MinimumSolution
+
+
+def _in_program(shapes: tuple[Any, Any], method: BranchAndBound) -> _FoundBoth:
+    """The search in one program."""
+    task = _task_of(shapes, method)
+    pieces = np.asarray(max(map(_count, shapes)))
+    begun = lambda problem: _begin(problem, pieces, method.queue_size)  # noqa: E731
+    found = in_one_go(begun, _outcome, task.problem, task.wanted, method.max_steps)
+    return _FoundBoth(found, found.solution(task.frame))
+
+
+def _from_here(
+    shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool, progress: Callback | None = None
+) -> _FoundBoth:
+    """The search from the host; see with_surface.
+
+    Args:
+        shapes: of the net or surface and the surface all numbers are known.
+        method: the options.
+        is_mesh: whether the first one is a mesh.
+        progress: see minimum_distance.
+    """
+    pieces = max(map(_count, shapes))
+    # Repeated to a few sizes that programs are compiled for; what repeats is not searched.
+    task = _task_of(tuple(repeated(shape) if isinstance(shape, Net) else shape for shape in shapes), method)
+    found = drive(_search(task, pieces, method, is_mesh), Listener(progress, task.frame))
+    if np.isinf(np.asarray(found.lower)):
+        raise empty_surface(_empty_of(task.problem))
+    return _FoundBoth(found, found.solution(task.frame))
+
+
+def _empty_of(problem: WithSurface) -> str:
+    """The name of the shape without points, where both are surfaces."""
+    sides = [side for side in problem[:2] if isinstance(side, Side)]
+    return next((name for name, side in zip("ab", sides, strict=True) if looked_at(side)[1]), "") if sides[1:] else ""
+
+
+def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: bool) -> AbstractSearch:
+    """Over all pairs; where there are many pieces, over those that may be the nearest ones."""
+    problem, capacity = task.problem, method.queue_size
+    net: Any = problem.a
+    surface: Any = problem.b
+    room = room_for(PART, capacity)
+    meeting = crossing(surface, net, pieces) if pieces > _FEW and is_mesh else None
+    near = near_pairs(surface, net, pieces, is_mesh) if pieces > _FEW and meeting is None else None
+    if meeting is not None:
+        pairs, best = meeting.pairs, _met(meeting)
+    elif near is not None:
+        pairs, best = near.pairs, _first(task, pieces, near.first, room)
+    else:
+        begun = partial(_begun, problem, np.asarray(pieces), capacity)
+        if isinstance(net, Side):
+            known = isolated_pairs(problem)
+            task = task._replace(problem=known.problem)
+            begun = lambda: known.told(_begun(known.problem, np.asarray(pieces), capacity))  # noqa: E731
+        return InTurn(begun, partial(_stretch, task), partial(_stretch, task, following=True), method.max_steps)
+
+    def filled(start: int) -> ClosestState:
+        return _filled(problem, pairs.part(start, PART), best, room)
+
+    def closed(table: ClosestState) -> float:
+        return float(close_enough(_with_room(problem, table), task.wanted, table))
+
+    # The table is exchanged for the next pairs where it goes on no more, so it must not be given up.
+    going = task._replace(wanted=task.wanted._replace(most=np.asarray(_ENDLESS)))
+    return QueuedSearch(pairs.lower, filled, partial(_stretch, going), closed, method.max_steps)
+
+
+def _first(task: "_SurfaceTask", pieces: int, few: NearPairs, room: int) -> BestPair:
+    """A pair of near points, before the search: from some pieces on to those beside the nearest, while they get nearer.
+
+    From the whole box feet are found that are lost in small cells, where both shapes are about to touch.
+    """
+    problem, best = task.problem, _unknown(task.problem)
+    net: Any = problem.a
+    surface: Any = problem.b
+    for _ in range(_TIMES):
+        table = _filled(problem, few.part(0, PART), best, room)
+        found = _stretch(task, table, np.asarray(_FIRST), np.asarray(False))[0].best
+        if not found.upper < _NEARER * best.upper:
+            return found
+        best = found
+        few = around(surface, net, pieces, np.asarray(best.x[net.parameters :]))
+    return best
+
+
+def _met(meeting: Crossing) -> BestPair:
+    """A pair at distance zero."""
+    zero: Any = np.zeros((), meeting.place.dtype)
+    x: Any = np.concatenate([meeting.x, meeting.place])
+    piece: Any = np.asarray(meeting.piece)
+    return BestPair(zero, zero, piece, jnp.array(0), x)
+
+
+def _from_program(shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool) -> _FoundBoth:
+    """The search from the host, called from the program."""
+    dtype, n = shapes[0].points.dtype, shapes[0].parameters + 3
+
+    def refused(result: Any = RESULTS.nonfinite_value) -> _FoundBoth:
+        number = lambda x, *shape: jnp.full(shape, x, dtype)  # noqa: E731
+        zero, infinite = jnp.array(0), number(jnp.inf)
+        best = BestPair(infinite, infinite, zero, zero, number(0.0, n))
+        stats = {"steps": zero, "pairs": zero, "waiting": zero}
+        parts = infinite, number(0.0), infinite, number(jnp.nan, 3), number(jnp.nan, 3), result, stats
+        return _FoundBoth(Outcome(best, *parts[1:]), MinimumSolution(*parts))
+
+    def search(shapes: Any, method: BranchAndBound) -> _FoundBoth:
+        if not usable(shapes[1]):
+            return refused()
+        try:
+            return _from_here(shapes, method, is_mesh)
+        except ValueError:
+            return refused(RESULTS.empty_surface)
+
+    return from_program(search, refused, shapes, method)
+
+
+class _SurfaceTask(NamedTuple):
+    """Shapes in the user's coordinates and in common ones, the frame that leads back, and what is asked for."""
+
+    shapes: tuple[Any, ...]
+    problem: WithSurface
+    frame: Frame
+    wanted: WantedGap
+
+
+def _task_of(shapes: tuple[Any, ...], method: BranchAndBound) -> _SurfaceTask:
+    *sides, frame = prepare_surfaces(*shapes)
+    corners = [side[2:4] if isinstance(side, Side) else extremes(side.points) for side in sides]
+    # What rounding leaves counts in the search, where it is known how far the nearest points are out.
+    return _SurfaceTask(shapes, WithSurface(*sides), frame, wanted_gap(corners, frame, method, 0.0))
+
+
+def _count(shape: ImplicitSurface | Side | Net) -> int:
+    """The number of its pieces."""
+    return shape.points.shape[0] if isinstance(shape, Net) else 1
+
+
+def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
+    """The table with the pairs of so many first pieces; further ones repeat the last. One shape has a single one."""
+    first, second = pairs_of((_count(problem.a), _count(problem.b))).T
+    low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
+    count = len(first)
+    cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
+    # Every first cut is along the longest side of a box: the pieces of a net are small already. Of two surfaces the
+    # first one is cut: the second may do whole.
+    sides = [jnp.zeros(parameters(side)) for side in problem[:2]]
+    k = 0 if isinstance(problem.a, Side) else 1
+    cut: Any = problem[k]
+    sides[k] = cut.upper - cut.lower
+    axis = jnp.full((count,), jnp.argmax(jnp.concatenate(sides)))
+    lower = jnp.where(np.arange(count) < pieces, jnp.zeros((), low.dtype), jnp.inf)
+    return table_of(lower, cells, axis, _unknown(problem), room_for(count, capacity))
+
+
+def _unknown(problem: WithSurface) -> BestPair:
+    """What is known before any pair is."""
+    low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
+    zero, infinite = jnp.array(0), jnp.full((), jnp.inf, low.dtype)
+    return BestPair(infinite, infinite, zero, zero, 0.5 * (low + high))
+
+
+def _ends(side: Net | Side) -> tuple[Array, Array]:
+    """The ends of the parameters."""
+    if isinstance(side, Side):
+        return side.lower, side.upper
+    return jnp.zeros(parameters(side), side.points.dtype), jnp.ones(parameters(side), side.points.dtype)
+
+
+def _outcome(problem: WithSurface, wanted: WantedGap, state: ClosestState) -> Outcome:
+    best, n, dtype = state.best, parameters(problem.a), state.lower.dtype
+    point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
+    best = best._replace(distance=jnp.where(jnp.isfinite(best.upper), length(point_a - point_b), jnp.inf))
+    # What flushing of coordinates below the smallest normal number moves.
+    flushed = 16 * smallest_normal(dtype)
+    lower, upper = jnp.maximum(lower_of(state) * (1 - gamma(6, dtype)) - flushed, 0.0), best.upper + flushed
+    return outcome(wanted, state, best, (lower, upper), (point_a, point_b), problem.floor)
+
+
+def _point(side: Net | Side, k: Array, x: Array) -> Array:
+    return x if isinstance(side, Side) else jet(side.piece(k), x).point
+
+
+_begun = compiled(_begin, (2,))
+
+
+@partial(compiled, static=(3,))
+def _filled(problem: WithSurface, pairs: NearPairs, best: BestPair, capacity: int) -> ClosestState:
+    """The table with pairs of cells of the surface and whole pieces."""
+    n, count, dtype = parameters(problem.a), pairs.lower.shape[0], pairs.lower.dtype
+    ends = jnp.zeros((count, n), dtype), jnp.ones((count, n), dtype)
+    low, high = (jnp.concatenate(x, axis=1) for x in zip(ends, (pairs.low, pairs.high), strict=True))
+    cells = Cell(jnp.asarray(pairs.piece), jnp.zeros(count, int), low, high)
+    return table_of(pairs.lower, cells, n + jnp.argmax(pairs.high - pairs.low, axis=1), best, capacity)
+
+
+_advanced = compiled(advance)
+
+
+def _stretch(
+    task: _SurfaceTask,
+    state: ClosestState,
+    limit: np.ndarray,
+    growing: np.ndarray,
+    waiting: Any = np.inf,
+    following: bool = False,
+) -> tuple[ClosestState, Outcome, Array]:
+    """Goes on for some steps, then makes the nearest points sharp; pairs with this bound wait beside the table.
+
+    With `following` bounds have feet that move with the place, which families of nearest pairs need.
+    """
+    problem, wanted = task.problem, task.wanted
+    now = _with_room(problem, state)
+    state = _advanced(with_feet(now, state.best) if following else now, wanted, state, limit, growing)
+    state = state._replace(best=_sharp(task, state.best))
+    shown = state._replace(settled=jnp.minimum(state.settled, waiting))
+    return state, *_standing(_with_room(problem, state), wanted, shown, growing)
+
+
+def _with_room(problem: WithSurface, state: ClosestState) -> WithSurface:
+    return problem._replace(room=_room(problem, state.best))
+
+
+@compiled
+def _room(problem: WithSurface, best: BestPair) -> Array:
+    """The room for rounding about the nearest points found, which may be far smaller than the boxes are; else none."""
+    n = parameters(problem.a)
+    point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
+    reach = jnp.maximum(jnp.max(jnp.abs(point_a)), jnp.max(jnp.abs(point_b)))
+    size = jnp.maximum(size_of(problem.a), size_of(problem.b))
+    return jnp.where(jnp.isfinite(best.upper), _ROOM * reach / jnp.where(size > 0, size, 1.0), 0.0)
+
+
+@compiled
+def _standing(problem: WithSurface, wanted: WantedGap, state: ClosestState, growing: Array) -> tuple[Outcome, Array]:
+    """The outcome as it stands, and how the search stands in four numbers."""
+    return _outcome(problem, wanted, state), news_of(problem, wanted, state, growing)
+
+
+def _sharp(task: _SurfaceTask, best: BestPair) -> BestPair:
+    """The nearest points where the Lagrange system is solved, if they are proven to be nearer than those found."""
+    problem = task.problem
+    if not np.isfinite(np.asarray(best.upper)):
+        return best
+    n = parameters(problem.a)
+    for x in (_solved(problem, best), best.x):
+        radii = [
+            exact_radius(shape, side, task.frame, np.asarray(part)) if isinstance(side, Side) else float(error_of(side))
+            for shape, side, part in zip(task.shapes, problem[:2], (x[:n], x[n:]), strict=True)
+        ]
+        best = _nearer(problem, best, x, np.asarray(radii, x.dtype))
+    return best
+
+
+@compiled
+def _solved(problem: WithSurface, best: BestPair) -> Array:
+    lows, highs = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
+    half = _ABOUT * jnp.max(highs - lows)
+    cell = Cell(best.piece_a, best.piece_b, jnp.maximum(best.x - half, lows), jnp.minimum(best.x + half, highs))
+    width = cell.high - cell.low
+    start = (best.x - cell.low) / jnp.where(width > 0, width, 1.0)
+    z = stationary(problem.a, problem.b, cell, start, _STEPS).z
+    # Sides of the cell are met exactly: they may be faces of the box.
+    return jnp.where(z >= 1, cell.high, jnp.clip(cell.low + z * width, cell.low, cell.high))
+
+
+@compiled
+def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> BestPair:
+    n = parameters(problem.a)
+    distance = length(_point(problem.a, best.piece_a, x[:n]) - _point(problem.b, best.piece_b, x[n:]))
+    upper = joined_upper(distance, radii)
+    new = BestPair(upper, distance, best.piece_a, best.piece_b, x)
+    return BestPair(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))

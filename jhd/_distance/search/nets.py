@@ -1,0 +1,122 @@
+"""Minimum distances of curves and parametric surfaces: in one program under tracing, from the host elsewhere."""
+
+from functools import partial
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd._arithmetic.rounding import gamma
+from jhd._distance.cells.pairs import Parametric
+from jhd._distance.cells.tracked_feet import WithMovingFeet
+from jhd._distance.normalization.coordinates import extremes
+from jhd._distance.normalization.net_jets import Net, jet, point_error
+from jhd._distance.normalization.nets import net_of, prepare_nets
+from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._distance.search.closest import (
+    ClosestState,
+    Outcome,
+    WantedGap,
+    advance,
+    begin,
+    in_one_go,
+    lower_of,
+    news_of,
+    outcome,
+    pairs_of,
+    room_for,
+    wanted_gap,
+)
+from jhd._distance.search.search import Listener, drive
+from jhd._distance.search.two_phase_minimum import InTurn, with_feet
+from jhd._distance.witness.mixed_derivatives import with_pair_derivatives
+from jhd._distance.witness.nets import polished
+from jhd._results.solution import MinimumSolution
+from jhd._runtime.arrays import is_tracing, undifferentiated
+from jhd._runtime.compiled import compiled
+from jhd.progress import Callback
+
+
+def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
+    """Minimum distance of curves and parametric surfaces, in common coordinates, with derivatives in both."""
+    nets = net_of(a), net_of(b)
+    counts = nets[0].points.shape[0], nets[1].points.shape[0]
+    p, q, frame, error = prepare_nets(*undifferentiated(nets))
+    problem = Parametric(p, q, np.asarray(error, p.points.dtype))
+    wanted = wanted_gap([extremes(net.points) for net in (p, q)], frame, method, problem.floor)
+    # Inside jit all operations are traced, those on known numbers too.
+    if is_tracing(problem, wanted):
+        found = in_one_go(partial(_all_pairs, counts, method.queue_size), _outcome, problem, wanted, method.max_steps)
+    else:
+        pairs, valid = _near_pairs(p, q, counts)
+        begun = partial(_begun, problem, pairs, valid, room_for(len(pairs), method.queue_size))
+        search = InTurn(
+            begun, partial(_stretch, problem, wanted), partial(_following, problem, wanted), method.max_steps
+        )
+        found = drive(search, Listener(progress, frame))
+    best = found.best
+    return with_pair_derivatives(found.solution(frame), nets, (best.piece_a, best.piece_b), best.x, best.distance)
+
+
+def _all_pairs(counts: tuple[int, int], capacity: int, problem: Parametric) -> ClosestState:
+    pairs = pairs_of(counts)
+    return begin(problem, jnp.asarray(pairs), jnp.ones(len(pairs), bool), room_for(len(pairs), capacity))
+
+
+def _outcome(problem: Parametric, wanted: WantedGap, state: ClosestState) -> Outcome:
+    """Bounds and points of the search as it stands, the nearest pair polished."""
+    a, b, error = problem
+    dtype, n = state.lower.dtype, a.parameters
+    best = polished(a, b, state.best)
+    points = jet(a.piece(best.piece_a), best.x[:n]).point, jet(b.piece(best.piece_b), best.x[n:]).point
+    upper = best.distance * (1 + gamma(12, dtype)) + point_error(a) + point_error(b)
+    upper = jnp.minimum(upper, state.best.upper) * (1 + gamma(6, dtype)) + error
+    lower = jnp.maximum(lower_of(state) * (1 - gamma(6, dtype)) - error, 0.0)
+    # The search closes pairs below the tolerance by more than the error of preparing.
+    return outcome(wanted, state, best, (jnp.minimum(lower, upper), upper), points, problem.floor + 2 * error)
+
+
+_begun = compiled(begin, (3,))
+
+
+@compiled
+def _stretch(
+    problem: Parametric | WithMovingFeet, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
+) -> tuple[ClosestState, Outcome, Array]:
+    """Goes on for some steps, and says how the search stands, in four numbers."""
+    state = advance(problem, wanted, state, limit, growing)
+    still: Any = problem.still if isinstance(problem, WithMovingFeet) else problem
+    return state, _outcome(still, wanted, state), news_of(problem, wanted, state, growing)
+
+
+def _following(
+    problem: Parametric, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
+) -> tuple[ClosestState, Outcome, Array]:
+    """The same with feet that move."""
+    return _stretch(with_feet(problem, state.best), wanted, state, limit, growing)
+
+
+def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """The pairs of pieces whose boxes are not farther apart than two points of the shapes, padded to a power of two.
+
+    Corners of pieces are points of the shapes. The slack is far more than the roundings of boxes and lengths; of pairs
+    left out nothing has to be known, since their distance is larger.
+    """
+    if counts[0] > counts[1]:
+        pairs, valid = _near_pairs(b, a, (counts[1], counts[0]))
+        return pairs[:, ::-1], valid
+    x, y = (np.asarray(net.points)[:count] for net, count in zip((a, b), counts, strict=True))
+    upper, kept = np.inf, []
+    for i in range(len(x)):
+        upper = min(upper, float(np.sqrt(np.sum((x[i, 0, 0] - y[:, 0, 0]) ** 2, axis=-1)).min()))
+    slack = 1e4 * float(np.finfo(x.dtype).eps)
+    low_a, high_a, low_b, high_b = x.min((1, 2)), x.max((1, 2)), y.min((1, 2)), y.max((1, 2))
+    for i in range(len(x)):
+        apart = np.maximum(np.maximum(low_a[i] - high_b, low_b - high_a[i]), 0.0)
+        near = np.flatnonzero(np.sqrt(np.sum(apart**2, axis=-1)) <= upper * (1 + slack) + slack)
+        kept.append(np.stack([np.full(len(near), i), near], axis=-1))
+    pairs = np.concatenate(kept)
+    size = max(16, 1 << (len(pairs) - 1).bit_length())
+    index = np.minimum(np.arange(size), len(pairs) - 1)
+    return pairs[index], np.arange(size) < len(pairs)

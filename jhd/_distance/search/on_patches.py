@@ -1,0 +1,371 @@
+"""Nearest points of parametric surfaces and curves in space, proven, for many queries at once.
+
+The first feet come from samples of the surface and a few steps of Newton's method. Most of them are proven at once: the
+distance is convex over a part of the piece about the foot, and all parts that boxes do not rule out lie within it
+(jhd._distance.search.patch_boxes).
+
+For the rest a query is a pair search of a point and a net (jhd._distance.cells.pairs). The cells of all queries wait in
+one list: a block of them is bounded by a compiled program, and the host cuts those that may still hold a nearer point.
+So the work is that of the cells alone, whichever query they belong to.
+
+Rounding. The control points are taken relative to the query, which rounds each coordinate once, and scaled by a power
+of two to at most one, for each pair of query and piece: bounds of a cell are relative to how far away its piece is.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from typing_extensions import override
+
+from jhd._arithmetic.rounding import gamma, smallest_normal, unit_roundoff
+from jhd._arithmetic.scaling import common_exponent, ldexp, length, times_two_to, unit_weights
+from jhd._distance.cells.linear_proxies import beside_net, of_points
+from jhd._distance.cells.pairs import Cell, bound, nearest_in
+from jhd._distance.cells.squared_distance_bounds import distances_by_squares
+from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
+from jhd._distance.normalization.curves import padded_count
+from jhd._distance.normalization.net_jets import Net, jet, point_error
+from jhd._distance.search.patch_boxes import PatchBoxes, PieceParts, SettledParts
+from jhd._distance.search.patch_samples import SampledStarts, samples_of, starts_among
+from jhd._distance.search.row_batches import BLOCK, each, in_blocks
+from jhd._runtime.compiled import compiled, optimized
+from jhd._triangles.closest_point import outward
+
+# Samples of a piece along each parameter from which feet are looked for, and Newton steps for feet.
+_SAMPLES, _FOOT_STEPS = 6, 10
+# Queries or cells that are bounded side by side: few, since often there are no more.
+_LANES = 8
+# Newton steps that mend feet, and how much they may change parameters.
+_MENDING, _MENDED = 2, 1e-6
+# Cells of a query from which on squares bound them too. They do from the first cell on for queries with no convex part,
+# such as those on an axis of revolution.
+_HARD = 64
+# Half sides of the parts about feet that are bounded first: the first serves nearly all points of smooth surfaces, the
+# last those near poles and centers of curvature.
+_REACHES = 2.0**-3, 2.0**-5, 2.0**-7
+# A query that needs more cells than this keeps the bounds it has; where there are few, those of all together.
+_MOST, _MOST_OF_ALL = 4096, 1 << 17
+# A query may be so many powers of two farther away than the surface is large before its coordinates would overflow.
+_FAR = {8: 900, 4: 90}
+# The gap at which a query is done, in units of roundoff of its distance and the size of the surface.
+_CLOSE = 512
+
+
+class _Feet(NamedTuple):
+    """The best foot of every query: proven upper bound, computed distance, piece, parameters, point."""
+
+    upper: np.ndarray
+    distance: np.ndarray
+    piece: np.ndarray
+    x: np.ndarray
+    point: np.ndarray
+
+    def take(self, rows: Any) -> "_Feet":
+        """Some of the feet."""
+        return _Feet(*(x[rows] for x in self))
+
+    def put(self, rows: np.ndarray, new: "_Feet") -> None:
+        """Exchanges some of them."""
+        for held, found in zip(self, new, strict=True):
+            held[rows] = found
+
+
+class NetTarget(AbstractTarget):
+    """A parametric surface, or a curve in space, its coordinates divided by 2^exponent, which leaves at most one."""
+
+    block = 1024
+    sharp = False
+
+    def __init__(self, net: Net):
+        points: Any = np.asarray(net.points)
+        weights: Any = net.weights
+        self.exponent = int(common_exponent(points))
+        points = np.ldexp(points, -self.exponent)
+        if weights is not None:
+            weights = unit_weights(np.asarray(weights), (1, 2))
+        self.count = len(points)
+        index = np.minimum(np.arange(padded_count(self.count, small=True)), self.count - 1)
+        self.net = Net(points, weights)
+        self._padded = Net(points[index], None if weights is None else weights[index])
+        places = np.linspace(0.0, 1.0, _SAMPLES).astype(points.dtype)
+        samples = samples_of(self.net, places)
+        # Samples are numbered by their places along each parameter.
+        self._places, self._strides = places, _SAMPLES ** np.arange(self.net.parameters)[::-1]
+        found = starts_among(samples.reshape(self.count, *[_SAMPLES] * self.net.parameters, 3))
+        self._samples = SampledStarts(samples.reshape(-1, 3)[found.rows])
+        self._rows, self._beside = found
+        self._off = float(np.ldexp(point_error(self.net), self.exponent))
+
+    @cached_property
+    def _boxes(self) -> PatchBoxes:
+        return PatchBoxes(self.net)
+
+    @override
+    def rounding(self, distance: float) -> float:
+        size = float(np.ldexp(1.0, self.exponent))
+        return 4 * _CLOSE * float(np.finfo(self.net.points.dtype).eps) * (size + distance)
+
+    @override
+    def feet(self, points: np.ndarray) -> np.ndarray:
+        scaled, shift = self._scaled(points)
+        return outward(self._near(scaled, shift).upper, self.exponent + shift, points.dtype, 1)
+
+    @override
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        scaled, shift = self._scaled(points)
+        feet = self._near(scaled, shift)
+        return self._placed(feet, shift, np.zeros(len(points)), np.zeros(len(points), bool), points.dtype)
+
+    @override
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        # The unit of queries from afar is larger, and what rounding leaves of feet with it.
+        u = unit_roundoff(found.distance.dtype)
+        return np.maximum(found.upper - found.distance, 0.0) + 8 * u * found.distance + self._off
+
+    @override
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """Parts of the pieces, and the feet themselves."""
+        scale = -self.exponent
+        scaled = feet.map(lambda x: np.ldexp(x, scale) if x is feet.point or x is feet.error else x)
+        found = in_blocks(_beside, self._padded, *scaled, np.ldexp(corners, scale))
+        return Flats(*(np.ldexp(x, self.exponent) for x in found))
+
+    @override
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        return t if self.net.parameters == 2 else t[:, 0]
+
+    @override
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
+        scaled, shift = self._scaled(points)
+        unit = self.exponent + shift
+        with np.errstate(over="ignore"):
+            least = np.ldexp(np.broadcast_to(enough, len(points)), -unit)
+            close = float(np.ldexp(close, -unit))
+        feet, lower, closed = self._searched(scaled, shift, least, close)
+        return self._placed(feet, shift, lower, closed, points.dtype)
+
+    def _placed(self, feet: _Feet, shift: int, lower: np.ndarray, closed: np.ndarray, dtype: Any) -> ProvenFeet:
+        """The feet in the user's coordinates."""
+        unit = self.exponent + shift
+        x = feet.x if feet.x.shape[1] == 2 else np.concatenate([feet.x, np.zeros_like(feet.x)], axis=1)
+        low, high = outward(lower, unit, dtype, -1), outward(feet.upper, unit, dtype, 1)
+        return ProvenFeet(
+            distance=np.clip(np.ldexp(feet.distance, unit), low, high),
+            lower=low,
+            upper=high,
+            foot=np.ldexp(feet.point, unit),
+            segment=feet.piece,
+            t=x,
+            closed=closed,
+        )
+
+    def within(self, points: np.ndarray, upper: float) -> np.ndarray:
+        """Which of the points may be this near, by the boxes of the pieces."""
+        scaled, shift = self._scaled(points)
+        room = 1 + gamma(64, points.dtype)
+        with np.errstate(over="ignore"):
+            far = float(np.ldexp(upper, -(self.exponent + shift))) * room + gamma(64, points.dtype)
+        found = np.zeros(len(points), bool)
+        found[self._boxes.near(scaled, np.full(len(points), far), shift).who] = True
+        return found
+
+    def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, int]:
+        """The queries in the unit of the surface, or in a larger one by a power of two where they would overflow."""
+        shift = max(0, int(common_exponent(points)) - self.exponent - _FAR[points.dtype.itemsize])
+        return np.ldexp(points, -(self.exponent + shift)), shift
+
+    def _shrunk(self, shift: int) -> Net:
+        return self._padded if shift == 0 else self._padded._replace(points=np.ldexp(self._padded.points, -shift))
+
+    def _near(self, points: np.ndarray, shift: int) -> _Feet:
+        """Feet near the nearest samples, and what is left of the distance after some steps from there."""
+        # Where the queries are in a larger unit than the samples they only start elsewhere.
+        feet = self._from_samples(points, shift, self._rows[self._samples.nearest(points)])
+        # Inside of a piece that is all; on its border the nearest of that and of those on its neighbors counts.
+        rows = np.flatnonzero(np.any((feet.x <= 0) | (feet.x >= 1), axis=1))
+        place = np.rint(feet.x[rows] * (_SAMPLES - 1)).astype(int)
+        sample = self._beside[feet.piece[rows] * _SAMPLES ** place.shape[1] + place @ self._strides]
+        who, column = np.nonzero(sample >= 0)
+        if len(who):
+            _take_over(feet, rows[who], self._from_samples(points[rows[who]], shift, sample[who, column]))
+        return feet
+
+    def _from_samples(self, points: np.ndarray, shift: int, sample: np.ndarray) -> _Feet:
+        piece, place = np.divmod(sample, _SAMPLES**self.net.parameters)
+        return self._moved(points, shift, piece, self._places[place[:, None] // self._strides % _SAMPLES])
+
+    def _moved(self, points: np.ndarray, shift: int, piece: np.ndarray, x: np.ndarray) -> _Feet:
+        upper, distance, x, point = in_blocks(_foot, self._shrunk(shift), points, piece, x)
+        return _Feet(*(np.array(y) for y in (upper.astype(np.float64), distance, piece, x, point)))
+
+    def _settled_about(
+        self, feet: _Feet, points: np.ndarray, net: Net, goal: np.ndarray, settled: np.ndarray
+    ) -> SettledParts:
+        """Parts of pieces about the feet that are no nearer than `goal`; `settled` gets their lower bounds."""
+        about = SettledParts.nothing(points, self.net.parameters)
+        for reach in _REACHES:
+            rows = np.flatnonzero((goal > 0) & (about.piece < 0))
+            if not len(rows):
+                break
+            low, high = (np.clip(feet.x[rows] + x, 0, 1).astype(points.dtype) for x in (-reach, reach))
+            lower = in_blocks(_bounded, net, points[rows], feet.piece[rows], low, high)[0].astype(np.float64)
+            good = lower >= goal[rows]
+            rows = rows[good]
+            settled[rows], about.piece[rows] = lower[good], feet.piece[rows]
+            about.low[rows], about.high[rows] = low[good], high[good]
+        return about
+
+    def _searched(
+        self, points: np.ndarray, shift: int, enough: np.ndarray, apart: float
+    ) -> tuple[_Feet, np.ndarray, np.ndarray]:
+        """The best feet, proven lower bounds, and whether these are close enough."""
+        feet, dtype = self._near(points, shift), points.dtype
+        net, u = self._shrunk(shift), float(np.finfo(dtype).eps)
+        settled, work = np.full(len(points), np.inf), np.zeros(len(points), int)
+        polished_at = feet.x.copy()
+
+        def goal() -> np.ndarray:
+            """Cells with bounds from here on need not be looked at."""
+            size = np.ldexp(1.0, -shift)
+            close = _CLOSE * u * np.minimum(feet.upper + size, np.maximum(64 * feet.upper, size))
+            return np.where(feet.upper <= enough, -np.inf, feet.upper - np.maximum(close, apart))
+
+        about = self._settled_about(feet, points, net, goal(), settled)
+        stack = [self._boxes.near(points, feet.upper, shift, about, goal())]
+        most = max(_MOST, _MOST_OF_ALL // max(1, len(np.unique(stack[0].who))))
+        while stack:
+            cells = stack.pop()
+            stop = cells.lower >= goal()[cells.who]
+            stop |= work[cells.who] > most
+            np.minimum.at(settled, cells.who[stop], cells.lower[stop])
+            cells = cells.take(~stop)
+            if not len(cells.who):
+                continue
+            if len(cells.who) > BLOCK:
+                stack.append(cells.take(slice(BLOCK, None)))
+                cells = cells.take(slice(None, BLOCK))
+            np.add.at(work, cells.who, 1)
+            found = in_blocks(_bounded, net, points[cells.who], *cells[1:4])
+            upper = np.where(np.isnan(found[1]), np.inf, found[1].astype(np.float64))
+            _take_over(feet, cells.who, _Feet(upper, found[2], cells.piece, *found[3:5]))
+            lower = np.maximum(cells.lower, np.nan_to_num(found[0].astype(np.float64), nan=0.0, posinf=np.inf))
+            low, high, axis, thin = found[5:]
+            hard = (about.piece < 0) | (work > _HARD)
+            hard = np.flatnonzero(hard[cells.who] & (lower < goal()[cells.who]))
+            if len(hard):
+                some = cells.take(hard)
+                squares, across = distances_by_squares(net, points[some.who], *some[1:4])
+                lower[hard] = np.maximum(lower[hard], squares)
+                axis = axis.copy()
+                axis[hard] = across
+            np.minimum.at(settled, cells.who[thin], lower[thin])
+            stack.append(_halved(PieceParts(cells.who, cells.piece, low, high, lower).take(~thin), axis[~thin]))
+        lower = np.minimum(settled, feet.upper)
+        closed = (lower >= goal()) | (feet.upper <= enough)
+        new = np.flatnonzero(np.any(feet.x != polished_at, axis=1))
+        if len(new):
+            polished = self._moved(points[new], shift, feet.piece[new], feet.x[new])
+            better = polished.upper <= feet.upper[new]
+            feet.put(new[better], polished.take(better))
+        return feet, np.minimum(lower, feet.upper), closed
+
+
+def _halved(cells: PieceParts, axis: np.ndarray) -> PieceParts:
+    """Both halves of every cell; one of what has shrunk to a point."""
+    along = axis[:, None] == np.arange(cells.low.shape[1])
+    middle = 0.5 * (cells.low + cells.high)
+    first = cells._replace(high=np.where(along, middle, cells.high))
+    second = cells._replace(low=np.where(along, middle, cells.low)).take(np.any(cells.low < cells.high, axis=1))
+    return PieceParts(*(np.concatenate(x) for x in zip(first, second, strict=True)))
+
+
+def _take_over(feet: _Feet, who: np.ndarray, found: _Feet) -> None:
+    """The feet found, of any queries, where they are nearer than those known."""
+    order = np.lexsort((-found.upper, who))
+    # Of each query the nearest is written last.
+    rows = order[found.upper[order] < feet.upper[who[order]]]
+    feet.put(who[rows], found.take(rows))
+
+
+class _About(NamedTuple):
+    """A piece relative to a query, its coordinates at most one in a unit of its own, and the query as a net."""
+
+    point: Net
+    piece: Net
+    unit: Array
+
+    @property
+    def error(self) -> float:
+        """Bound on what taking differences moves a control point by, flushed digits included, in the unit."""
+        return gamma(4, self.piece.points.dtype)
+
+
+def _about(net: Net, point: Array, piece: Array) -> _About:
+    part = net.piece(piece)
+    offsets = jnp.asarray(part.points) - point
+    unit = jnp.maximum(jnp.max(jnp.abs(offsets)), 4 * smallest_normal(offsets.dtype))
+    power = jnp.frexp(unit)[1]
+    one = jnp.ones((1, 1, 3), offsets.dtype)
+    return _About(Net(0 * one, None), Net(ldexp(offsets, -power), part.weights), power)
+
+
+def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tuple[Array, Array, Array]:
+    """Bounds and a distance in the unit of the surface; what is flushed there counts."""
+    dtype = distance.dtype
+    tiny = 64 * smallest_normal(dtype)
+    low = jnp.maximum(lower - about.error, 0.0) * (1 - gamma(4, dtype))
+    low = jnp.maximum(times_two_to(low, about.unit) - tiny, 0.0)
+    high = (upper + about.error) * (1 + gamma(4, dtype))
+    return low, times_two_to(high, about.unit) + tiny, times_two_to(distance, about.unit)
+
+
+@optimized
+def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> Any:
+    """Upper bounds, distances, parameters and points of pieces near the starts, moved towards the nearest."""
+
+    def one(point: Array, k: Array, x: Array) -> Any:
+        about = _about(net, point, k)
+        fixed = jnp.zeros(x.shape, bool)
+        x = nearest_in(about.point, about.piece, x, fixed, _FOOT_STEPS, _MENDING, _MENDED)
+        distance = length(jet(about.piece, x).point)
+        upper = distance * (1 + gamma(12, distance.dtype)) + point_error(about.piece)
+        _, upper, distance = _lengths(about, jnp.zeros_like(upper), upper, distance)
+        return upper, distance, x, jet(net.piece(k), x).point
+
+    return each(one, count, (points, piece, start), _LANES)
+
+
+@compiled
+def _bounded(net: Net, count: Array, points: Array, piece: Array, low: Array, high: Array) -> Any:
+    """Bounds, a foot, and what is left of cells, with the axis to cut along."""
+
+    def one(point: Array, k: Array, low: Array, high: Array) -> Any:
+        about = _about(net, point, k)
+        a, b = jax.tree_util.tree_map(lambda x: x[None], (about.point, about.piece))
+        first = jnp.zeros((), int)
+        found = bound(a, b, Cell(first, first, low, high))
+        # An excluded cell has an infinite bound.
+        lower, upper, distance = _lengths(about, found.lower, found.upper, found.distance)
+        left, x = found.cell, found.x
+        point = jet(net.piece(k), x).point
+        return lower, upper, distance, x, point, left.low, left.high, jnp.argmax(found.extent), found.thin
+
+    return each(one, count, (points, piece, low, high), _LANES)
+
+
+@compiled
+def _beside(net: Net, count: Array, point: Array, error: Array, segment: Array, t: Array, corners: Array) -> Flats:
+    """Flat pieces beside cells: parts of the net, then the feet themselves."""
+
+    def one(point: Array, error: Array, segment: Array, t: Array, corners: Array) -> Flats:
+        parts = jax.vmap(lambda k, x: beside_net(net, k, x, corners))(segment, t[:, : net.parameters])
+        feet = of_points(point, error)
+        return jax.tree_util.tree_map(lambda x, y: jnp.concatenate([x, y]), parts, feet)
+
+    return each(one, count, (point, error, segment, t, corners), _LANES)

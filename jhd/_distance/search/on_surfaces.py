@@ -1,0 +1,322 @@
+"""Nearest points of polynomial surfaces, proven, for many queries at once; see jhd._distance.nearest.surfaces.
+
+A query so far away that the whole box is one place beside it is answered by the box and by a proven point in it.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from typing_extensions import override
+
+from jhd._arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
+from jhd._distance.cells.linear_proxies import beside_surface, of_points
+from jhd._distance.cells.pairs import Cell
+from jhd._distance.cells.tracked_feet import moving_bound
+from jhd._distance.cells.tracked_feet_surfaces import narrowed
+from jhd._distance.nearest.surface_points import local_feet, proven_radius, reach, with_singular_radius
+from jhd._distance.nearest.surfaces import CAPACITY, halved, nearest, nearest_places, proven_distances
+from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
+from jhd._distance.normalization.coordinates import Frame, common_points
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.normalization.surfaces import Side, prepare_surfaces
+from jhd._distance.search.candidates import Target
+from jhd._distance.search.row_batches import each, in_blocks, in_groups
+from jhd._distance.search.surface_candidates import looked_at, may_vanish
+from jhd._runtime.compiled import compiled
+from jhd._shapes.checks import empty_surface
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._triangles.closest_point import outward
+
+# Places of the cloud that feet are looked for from, Newton steps for feet, and queries side by side.
+_STARTS, _FOOT_STEPS, _LANES = 4, 6, 64
+# The gap at which a query is done, as a share of the box, and in units of roundoff of its distance where that is more.
+_CLOSE, _ULPS = 1e-12, 64
+# Queries whose distances to all cells of a cover are formed at once.
+_ROWS = 1024
+# A hasty query with more open cells is given up, unless it is by itself: then its distance is bounded by as many
+# graphs at most.
+_MANY, _GRAPHS = 512, 1 << 12
+# A query this many boxes away takes the box for a point.
+_FAR = {8: 2.0**56, 4: 2.0**26}
+
+
+class SurfaceTarget(AbstractTarget):
+    """A polynomial surface in coordinates of its own, or in common ones.
+
+    Raises:
+        ValueError: the surface is proven to have no point in its box.
+    """
+
+    block = 64
+    sharp = False
+
+    def __init__(self, surface: ImplicitSurface | Side):
+        if isinstance(surface, Side):
+            side, zero = surface, np.asarray(0)
+            self.frame = Frame(np.zeros_like(np.asarray(side.lower)), zero, zero)
+        else:
+            side, _, self.frame = prepare_surfaces(surface, surface)
+        self.target, empty = looked_at(side)
+        if bool(empty):
+            raise empty_surface()
+        cloud = self.target.cloud
+        radius = np.asarray(cloud.radius)
+        self.proven = bool(np.any(np.isfinite(radius)))
+        best = int(np.argmin(radius))
+        self._point, self._radius = np.asarray(cloud.points)[:, best], radius[best]
+
+    @property
+    def exponent(self) -> int:
+        """The power of two that the common coordinates are divided by."""
+        return int(self.frame.first) + int(self.frame.second)
+
+    @override
+    def rounding(self, distance: float) -> float:
+        u = unit_roundoff(self._point.dtype)
+        return float(np.ldexp(8 * max(_CLOSE, _ULPS * u), self.exponent)) + 8 * max(_CLOSE, _ULPS * u) * distance
+
+    @override
+    def feet(self, points: np.ndarray) -> np.ndarray:
+        """Infinite where no point of the surface is proven."""
+        x, far = self._scaled(points)
+        upper = in_blocks(_feet, self.target, x)[0].astype(np.float64)
+        upper = outward(upper + _moved(x), self.exponent, points.dtype, 1)
+        return np.where(far, self._from_afar(points)[1], upper)
+
+    @override
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        x, far = self._scaled(points)
+        upper, foot = in_blocks(_feet, self.target, x)
+        distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
+        upper = outward(upper.astype(np.float64) + _moved(x), self.exponent, points.dtype, 1)
+        known = np.isfinite(upper) & ~far
+        nothing = np.zeros_like(upper)
+        return ProvenFeet(
+            distance=np.where(known, np.minimum(np.ldexp(distance, self.exponent), upper), np.inf),
+            lower=nothing,
+            upper=np.where(far, self._from_afar(points)[1], upper),
+            foot=np.where(known[:, None], np.asarray(self.frame.place(foot)), np.nan),
+            segment=np.full(len(x), -1),
+            t=np.full(len(x), np.nan, points.dtype),
+            closed=nothing > 0,
+        )
+
+    @override
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        u = unit_roundoff(found.distance.dtype)
+        known = np.isfinite(found.upper) & np.isfinite(found.distance)
+        left = np.where(known, found.upper, 0.0) - np.where(known, found.distance, 0.0)
+        size = np.abs(np.asarray(self.frame.place(self.target.side.upper - self.target.side.lower))).max()
+        # A foot is taken that is farther than `upper` by rounding alone, twice 8 u.
+        slack = 32 * u * (np.where(known, found.distance, 0.0) + size)
+        return np.where(known, np.maximum(left, 0.0) + slack, np.inf)
+
+    @override
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """Parallelograms in tangent planes, and the feet themselves; in common coordinates."""
+        point, error = np.where(np.isfinite(feet.point), feet.point, 0.0), feet.error
+        return in_blocks(_beside, self.target, point, error, corners)
+
+    @override
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        """There are none."""
+        return np.full(len(t), np.nan)
+
+    @override
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
+        x, far = self._scaled(points)
+        least, apart = np.ldexp(enough, -self.exponent), float(np.ldexp(close, -self.exponent))
+        leasts, most = np.broadcast_to(least, len(x)), np.full(len(x), _MANY if hasty else CAPACITY)
+        lower, upper, foot = in_blocks(_nearest, self.target, x, leasts.astype(x.dtype), most)
+        lower, upper = lower.astype(np.float64) - _moved(x), upper.astype(np.float64) + _moved(x)
+        distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
+        u = unit_roundoff(x.dtype)
+        share = 4 * max(_CLOSE, _ULPS * u)
+        allowed = np.maximum(share * (1 + np.where(np.isfinite(upper), upper, 0.0)), apart)
+        open_ = (upper - lower > allowed) & (upper > leasts) & np.isfinite(upper) & ~far
+        if hasty and len(x) == 1 and open_[0]:
+            found = self._by_graphs(x[0], upper[0], 0.5 * allowed[0]) - _moved(x)[0]
+            lower[0] = max(lower[0], min(found, upper[0]))
+        closed = (upper - lower <= allowed) | (upper <= least)
+        low, high = (outward(end, self.exponent, points.dtype, sign) for end, sign in ((lower, -1), (upper, 1)))
+        places = np.asarray(self.frame.place(foot))
+        own, other = self._from_afar(points)
+        low, high = np.where(far, own, low), np.where(far, other, high)
+        places = np.where(far[:, None], np.asarray(self.frame.place(self._point)), places)
+        known = np.isfinite(high)
+        # Of a query far away the box is one place, which is as far as the bounds say.
+        closed = np.where(far, (high - low <= share * high) | (high <= enough), closed)
+        distance = np.where(far, 0.5 * low + 0.5 * high, np.ldexp(distance, self.exponent))
+        distance = np.where(known, np.clip(distance, low, high), np.inf)
+        return ProvenFeet(
+            distance=distance,
+            lower=low,
+            upper=high,
+            foot=np.where(known[:, None], places, np.nan),
+            segment=np.full(len(x), -1),
+            t=np.full(len(x), np.nan, points.dtype),
+            closed=closed & known,
+        )
+
+    def _by_graphs(self, point: np.ndarray, upper: float, close: float) -> float:
+        """A lower bound of the distance of a query of which a whole curve or region may be nearest.
+
+        Cells that are crossed in one sheet are bounded by their graphs, to the sixth order of their size.
+
+        Args:
+            point: the query.
+            upper: an upper bound.
+            close: by how much the bounds may be apart.
+        """
+        side, cover, most = self.target.side, self.target.cover, _GRAPHS
+        low, high = (np.asarray(end).T[np.asarray(cover.alive)] for end in cover[:2])
+        goal, settled = upper - close, np.inf
+        while True:
+            apart = np.maximum(np.maximum(low - point, point - high), 0.0).astype(np.float64)
+            lower = np.sqrt(np.sum(apart**2, axis=1)) * (1 - gamma(8, point.dtype))
+            near = lower < goal
+            most -= np.count_nonzero(near)
+            if most >= 0 and np.any(near):
+                lower[near] = np.fmax(lower[near], in_blocks(_from_graphs, (side, point), low[near], high[near]))
+            left = lower < goal
+            settled = min(settled, np.min(lower[~left], initial=np.inf))
+            if most < 0 or not np.any(left):
+                return float(min(settled, np.min(lower, initial=np.inf)))
+            low, high = (x.reshape(3, -1).T for x in halved(low[left].T, high[left].T))
+            rows = may_vanish(side, low, high)
+            low, high = low[rows], high[rows]
+
+    def within(self, points: np.ndarray, upper: float) -> np.ndarray:
+        """Which of the points may be this near, by the cover."""
+        x, far = self._scaled(points)
+        cover = self.target.cover
+        low, high = (np.asarray(end, np.float64).T[np.asarray(cover.alive)] for end in cover[:2])
+        room = gamma(64, points.dtype)
+        with np.errstate(over="ignore"):
+            wanted = float(np.ldexp(float(upper), -self.exponent)) * (1 + room)
+        least = wanted + room * (1 + np.max(np.abs(x), axis=1).astype(np.float64))
+        # No query that is not far away is this far; larger numbers have no square.
+        least = np.minimum(least, 1e150)
+        found = [
+            np.any(np.sum(np.maximum(np.maximum(low - p, p - high), 0.0) ** 2, axis=-1) <= r**2, axis=1)
+            for p, r in (
+                (x[k : k + _ROWS, None].astype(np.float64), least[k : k + _ROWS, None]) for k in range(0, len(x), _ROWS)
+            )
+        ]
+        return np.where(far, self._from_afar(points)[0] <= upper, np.concatenate(found))
+
+    def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The queries in common coordinates, those far away replaced, and which of them are."""
+        with np.errstate(over="ignore"):
+            x = common_points(self.frame, points)
+        far = ~np.all(np.abs(x) <= _FAR[points.dtype.itemsize], axis=1)
+        return np.where(far[:, None], 0.0, x).astype(points.dtype), far
+
+    def _from_afar(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds by the box and by one proven point, in the unit of the points.
+
+        Each query has a power of two of its own, by which no coordinate is above one. What scaling loses below the
+        normal numbers, and the roundings in double precision, are a small part of the slack.
+        """
+        dtype = points.dtype
+        side = self.target.side
+        low, high, foot = (np.asarray(self.frame.place(np.asarray(x)), np.float64) for x in (*side[2:4], self._point))
+        p = points.astype(np.float64)
+        power = np.frexp(np.maximum(np.max(np.abs(p), axis=1), max(np.max(np.abs(low)), np.max(np.abs(high)))))[1]
+        p, low, high, foot = (np.ldexp(x, -power[:, None]) for x in (p, low, high, foot))
+        # Corners and the point are placed with two roundings each.
+        slack = gamma(8, dtype) * (1 + np.max(np.abs(np.stack([low, high])), axis=(0, 2)))
+        apart = np.maximum(np.maximum(low - p, p - high) - slack[:, None], 0.0)
+        lower = np.sqrt(np.sum(apart**2, axis=1)) * (1 - gamma(8, np.float64)) - 2 * slack
+        upper = np.sqrt(np.sum((p - foot) ** 2, axis=1)) * (1 + gamma(8, np.float64)) + 4 * slack
+        with np.errstate(over="ignore"):
+            upper = upper + np.ldexp(float(self._radius), self.exponent - power)
+        return outward(lower, power, dtype, -1), outward(upper, power, dtype, 1)
+
+
+def _moved(x: np.ndarray) -> np.ndarray:
+    """Bound on what writing queries in common coordinates moves them by."""
+    return gamma(4, x.dtype) * np.sqrt(3) * np.max(np.abs(x), axis=1).astype(np.float64) + 64 * smallest_normal(x.dtype)
+
+
+def _mended(target: Target, point: Array, place: Array) -> tuple[Array, Array]:
+    """A foot after some more Newton steps, with the proven distance, which is that of the place where it is less.
+
+    Of two as near but for rounding the mended one is the foot: the distance hardly changes where the foot does.
+    """
+    found = local_feet(target.side, point[:, None], place[:, None], _FOOT_STEPS)
+    mended, there = proven_distances(target.side, point, jnp.concatenate([found, place[:, None]], axis=1))
+    room = 8 * unit_roundoff(point.dtype) * (1 + there)
+    return jnp.minimum(mended, there), jnp.where(mended <= there + room, found[:, 0], place)
+
+
+@compiled
+def _feet(target: Target, count: Array, points: Array) -> Any:
+    """Feet of all places side by side: one long row is twice as fast as many short ones."""
+
+    def group(points: Array) -> tuple[Array, Array]:
+        starts = jax.vmap(lambda point: nearest_places(target.cloud, point, _STARTS))(points)
+        lanes = starts.transpose(1, 0, 2).reshape(3, -1)
+        queries = jnp.repeat(points.T, _STARTS, axis=1)
+        found = local_feet(target.side, queries, lanes, _FOOT_STEPS)
+        places = jnp.concatenate([found, lanes], axis=1)
+        radius = proven_radius(target.side, places)
+        far = reach(places - jnp.tile(queries, 2))
+
+        def nearest_of(far: Array) -> tuple[Array, Array]:
+            each_of = lambda x: x.reshape(2, len(points), _STARTS).transpose(1, 0, 2).reshape(len(points), -1)  # noqa: E731
+            far = each_of(jnp.where(jnp.isnan(far), jnp.inf, round_up(far)))
+            best = jnp.argmin(far, axis=1)[:, None]
+            place = [jnp.take_along_axis(each_of(x), best, axis=1)[:, 0] for x in places]
+            return jnp.min(far, axis=1), jnp.stack(place, axis=1)
+
+        upper, foot = nearest_of(far + radius)
+        # Where no place is proven the search for signs is a longer one.
+        again = lambda: nearest_of(far + with_singular_radius(target.side, places, radius))  # noqa: E731
+        return jax.lax.cond(jnp.any(jnp.isinf(upper)), again, lambda: (upper, foot))
+
+    return in_groups(group, count, (points,), _LANES)
+
+
+@compiled
+def _nearest(target: Target, count: Array, points: Array, least: Array, most: Array) -> Any:
+    """Bounds and feet, one query after the other."""
+    close = jnp.asarray(max(_CLOSE, _ULPS * unit_roundoff(points.dtype)), points.dtype)
+
+    def one(point: Array, least: Array, most: Array) -> Any:
+        starts = nearest_places(target.cloud, point, _STARTS)
+        found = nearest(target.side, target.cover, point, starts, least, close, most=most)
+        # Distances are as good as they get where feet are off by the root of that; some steps mend it.
+        upper, foot = _mended(target, point, found.foot)
+        return found.lower, jnp.minimum(upper, found.upper), foot
+
+    return each(one, count, (points, least, most), 1)
+
+
+@compiled
+def _from_graphs(shapes: tuple[Side, Array], count: Array, low: Array, high: Array) -> Array:
+    side, point = shapes
+    net, first, zero = Net(point[None, None, None], None), jnp.zeros((), int), jnp.zeros(1, low.dtype)
+
+    def one(low: Array, high: Array) -> Array:
+        low, high = narrowed(side, low, high)
+        cell = Cell(first, first, jnp.append(low, zero), jnp.append(high, zero))
+        return moving_bound(side, net, cell, zero).lower
+
+    return each(one, count, (low, high), _LANES)
+
+
+@compiled
+def _beside(target: Target, count: Array, point: Array, error: Array, corners: Array) -> Flats:
+    """Flat pieces beside cells: in tangent planes, then the feet themselves."""
+
+    def one(point: Array, error: Array, corners: Array) -> Flats:
+        flat, feet = beside_surface(target.side, point, error, corners), of_points(point, error)
+        return jax.tree_util.tree_map(lambda x, y: jnp.concatenate([x, y]), flat, feet)
+
+    return each(one, count, (point, error, corners), _LANES)

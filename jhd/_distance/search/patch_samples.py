@@ -1,0 +1,132 @@
+"""Samples of parametric shapes, from which feet are looked for, and which are at one place; nothing is proven."""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from jhd._arithmetic.bernstein import binomials
+from jhd._distance.normalization.net_jets import Net
+from jhd._triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, point_tree
+
+# Pairs of queries and samples of which all are looked at, which takes no longer than to make a tree of some thousand
+# samples; and how many of them at once, few enough for the cache of a processor.
+_FEW, _AT_ONCE = 1 << 21, 1 << 16
+
+# Samples of pieces that count as neighbors, and in how many units a length of one is divided to tell whether samples
+# are at one place.
+_MOST, _SAME = 3, 2.0**30
+
+
+def samples_beside(samples: np.ndarray) -> np.ndarray:
+    """For each sample some of other pieces at the same place, (all samples, _MOST), -1 for none.
+
+    Args:
+        samples: of all pieces (pieces, samples, 3), with coordinates of at most one.
+    """
+    count = samples.shape[1]
+    places = np.rint(samples.reshape(-1, 3).astype(np.float64) * _SAME)
+    _, place = np.unique(places, axis=0, return_inverse=True)
+    piece = np.arange(len(places)) // count
+    # Of a piece one sample at each place.
+    _, first = np.unique(place.ravel() * len(samples) + piece, return_index=True)
+    start, size = np.unique(place.ravel()[first], return_index=True, return_counts=True)[1:]
+    found = np.full((len(places), _MOST), -1)
+    group = place.ravel()
+    own = np.searchsorted(group[first] * len(samples) + piece[first], group * len(samples) + piece)
+    for k in range(_MOST):
+        turned = start[group] + (own - start[group] + k + 1) % size[group]
+        found[:, k] = np.where(k + 1 < size[group], first[turned], -1)
+    return found
+
+
+class StartsOfFeet(NamedTuple):
+    """The numbers of samples that feet are looked for from, and for each of all samples others at its place, or -1."""
+
+    rows: np.ndarray
+    beside: np.ndarray
+
+
+def starts_among(samples: np.ndarray) -> StartsOfFeet:
+    """The samples that serve, and those at the same places; of pieces that are collapsed onto others there are none.
+
+    Args:
+        samples: of all pieces (pieces, places, 3) or (pieces, places, places, 3), with coordinates of at most one.
+    """
+    kept, flat = _apart_from_others(samples), samples.reshape(len(samples), -1, 3)
+    many = flat.shape[1]
+    rows = (kept[:, None] * many + np.arange(many)).ravel()
+    among = samples_beside(flat[kept])
+    beside = np.full((len(samples) * many, among.shape[1]), -1)
+    beside[rows] = np.where(among >= 0, rows[among], -1)
+    return StartsOfFeet(rows, beside)
+
+
+def _apart_from_others(samples: np.ndarray) -> np.ndarray:
+    """The numbers of the pieces but for those that are collapsed onto others, as those of empty knot spans are.
+
+    A foot would be moved along a collapsed piece alone, where its neighbors hold the same points.
+    """
+    count = len(samples)
+    along = range(1, samples.ndim - 1)
+    collapsed = np.any(
+        [np.all(np.abs(np.diff(samples, axis=k)) * _SAME <= 1, axis=tuple(range(1, samples.ndim))) for k in along],
+        axis=0,
+    )
+    if not np.any(collapsed) or np.all(collapsed):
+        return np.arange(count)
+    places = np.rint(samples.reshape(-1, 3).astype(np.float64) * _SAME)
+    _, place = np.unique(places, axis=0, return_inverse=True)
+    place = place.reshape(count, -1)
+    elsewhere = np.all(np.isin(place, place[~collapsed]), axis=1)
+    return np.flatnonzero(~(collapsed & elsewhere))
+
+
+class SampledStarts:
+    """Which of some points is about nearest to queries: by all of them, or by a tree of them where there are many.
+
+    Args:
+        points: (points, 3), with coordinates of at most one.
+    """
+
+    def __init__(self, points: np.ndarray):
+        self._points = points
+
+    @cached_property
+    def _tree(self) -> TriangleTree:
+        return point_tree(self._points)
+
+    @cached_property
+    def _columns(self) -> np.ndarray:
+        return np.ascontiguousarray(self._points.T)
+
+    def nearest(self, queries: np.ndarray) -> np.ndarray:
+        """The number of a point for each query (queries, 3); queries from afar only get some point."""
+        if len(queries) * len(self._points) > _FEW:
+            tree, rows = in_unit_of(self._tree, queries)
+            return tree.order[nearest_triangles(tree, rows).triangle]
+        step = max(1, _AT_ONCE // len(self._points))
+        return np.concatenate([self._among_all(queries[k : k + step]) for k in range(0, len(queries), step)])
+
+    def _among_all(self, queries: np.ndarray) -> np.ndarray:
+        square = np.zeros((len(queries), len(self._points)), self._points.dtype)
+        with np.errstate(over="ignore"):
+            for sample, query in zip(self._columns, queries.T, strict=True):
+                step = sample - query[:, None]
+                step *= step
+                square += step
+        return np.argmin(square, axis=1)
+
+
+def samples_of(net: Net, places: np.ndarray) -> np.ndarray:
+    """Points of all pieces at a grid of parameters, about."""
+    p, q = net.degrees
+
+    def basis(degree: int, t: np.ndarray) -> np.ndarray:
+        k = np.arange(degree + 1)
+        return binomials(degree) * t[:, None] ** k * (1 - t[:, None]) ** (degree - k)
+
+    u, v = basis(p, places), basis(q, places if net.parameters == 2 else places[:1])
+    weights = np.ones(net.points.shape[:-1], net.points.dtype) if net.weights is None else net.weights
+    along = [np.einsum("ia,jb,kabd->kijd", u, v, x) for x in (net.points * weights[..., None], weights[..., None])]
+    return (along[0] / along[1]).astype(net.points.dtype)

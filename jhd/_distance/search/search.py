@@ -1,0 +1,155 @@
+"""The interface of a search, and the one loop that runs it from the host.
+
+A search runs in stretches of a bounded number of steps. Between two stretches Python can handle Ctrl-C, progress is
+reported, and a queue that is nearly full is replaced by a longer one. The bounds are true at every stage, so an
+interrupted call returns the bounds reached. The other direction, which the call would search next, returns its initial
+bounds.
+"""
+
+import time
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd._distance.normalization.coordinates import Frame
+from jhd._results.solution import RESULTS, name_of, with_result
+from jhd.progress import Callback, Progress
+
+# The seconds that stretches after the first two are made to last, and how much longer the next one may be.
+_SECONDS, _LONGER = 0.2, 4.0
+# What a stretch lasts at least: a coarse clock may not have moved in it.
+_TICK = 1e-9
+
+
+class Standing(NamedTuple):
+    """How a search stands.
+
+    Args:
+        solution: what it has proven and found, in its own coordinates: a HausdorffSolution or a MinimumSolution.
+        going_on: whether more steps would serve what is wanted.
+        full: whether it stopped because its table is full; then `longer` helps.
+        steps: steps taken in all.
+        waiting: cells, or pairs of them, that are still to be looked at.
+    """
+
+    solution: Any
+    going_on: bool
+    full: bool
+    steps: int
+    waiting: int
+
+
+class AbstractSearch(ABC):
+    """A search for bounds that get closer with each step; its state is handed to and fro, so it can be taken up again.
+
+    Args:
+        max_steps: most steps in all.
+        first_steps: steps of the first stretch, which hold all but hard cases; 0 for the bounds it begins with.
+    """
+
+    max_steps: int
+    first_steps: int
+
+    @abstractmethod
+    def begin(self) -> Any:
+        """The state in which no step has been taken."""
+
+    @abstractmethod
+    def advance(self, state: Any, limit: int, growing: bool) -> tuple[Any, Standing]:
+        """Goes on until what is wanted is reached, or some limit.
+
+        Args:
+            state: where it stands.
+            limit: steps at most, all of them counted since it began.
+            growing: whether to stop before the table is full.
+        """
+
+    @abstractmethod
+    def longer(self, state: Any) -> Any:
+        """The same state with more room."""
+
+
+class Threshold:
+    """A progress that ends a search where the bounds are on one side of a length.
+
+    Args:
+        limit: the length, in the unit of the coordinates.
+        progress: who else hears of the progress, or None.
+    """
+
+    def __init__(self, limit: float, progress: Callback | None = None):
+        self._limit, self._progress, self.passed = limit, progress, False
+
+    def __call__(self, progress: Progress) -> None:
+        """Takes note of the bounds."""
+        lower, upper = progress.lower or 0.0, np.inf if progress.upper is None else progress.upper
+        self.passed = upper <= self._limit or lower > self._limit
+        if self._progress is not None:
+            self._progress(progress)
+
+
+class Listener:
+    """Who hears of the searches of one call of an entry: of their progress, and whether they were interrupted.
+
+    Args:
+        progress: called with a Progress after each stretch, or None.
+        frame: leads to the user's unit; None where lengths are in it.
+        stage: name of the stage of searches without a direction.
+    """
+
+    def __init__(self, progress: Callback | None = None, frame: Frame | None = None, stage: str = "minimum"):
+        self._progress, self._frame, self._stage, self.interrupted = progress, frame, stage, False
+
+    @property
+    def satisfied(self) -> bool:
+        """Whether closer bounds are of no use."""
+        return isinstance(self._progress, Threshold) and self._progress.passed
+
+    def report(self, direction: Any, standing: Standing) -> None:
+        """Tells how a search stands; the direction is a member of DIRECTIONS, or None."""
+        if self._progress is None:
+            return
+        ends = standing.solution.lower, standing.solution.upper
+        if self._frame is not None:
+            ends = self._frame.length(ends[0], 0.0), self._frame.length(ends[1], np.inf)
+        stage, steps = self._stage if direction is None else name_of(direction), int(standing.steps)
+        self._progress(Progress(stage, steps, steps + int(standing.waiting), float(ends[0]), float(ends[1])))
+
+
+def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> Any:
+    """The solution of a search run to its end, or as it stands where it is interrupted.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted before it had any bounds.
+    """
+    state: Any = None
+    standing: Standing | None = None
+    taken, stretch = 0, search.first_steps
+    while True:
+        limit = 0 if listener.interrupted else min(taken + stretch, search.max_steps)
+        began = time.perf_counter()
+        try:
+            fresh = state is None
+            state, standing = search.advance(search.begin() if fresh else state, limit, not listener.interrupted)
+            listener.report(direction, standing)
+        except KeyboardInterrupt:
+            if standing is None:
+                raise
+            listener.interrupted = True
+        over = listener.satisfied or not standing.going_on or standing.steps >= search.max_steps
+        if listener.interrupted or over:
+            return _ended(standing, listener)
+        # The first stretch may have been compiled in it.
+        if not fresh:
+            stretch = max(1, int(stretch * min(_LONGER, _SECONDS / max(time.perf_counter() - began, _TICK))))
+        stretch, taken = max(1, stretch), int(standing.steps)
+        if standing.full:
+            state = search.longer(state)
+
+
+def _ended(standing: Standing, listener: Listener) -> Any:
+    solution = standing.solution
+    if listener.interrupted and name_of(solution.result) != "successful":
+        return with_result(solution, RESULTS.interrupted)
+    return solution

@@ -1,0 +1,228 @@
+"""What distances are maximized over: curves, parametric surfaces, meshes and polynomial surfaces, cut into cells.
+
+A cell lies in the hull of some points, and is bounded by flat pieces of the other shape
+(jhd._distance.cells.proxy_bounds). Of a curve or patch these are the control points of a part, of a triangle its
+corners, and of a polynomial surface the corners of what is left of a box between the two planes that hold all of the
+surface in it; there the bound by points of the other shape of jhd._distance.cells.surfaces counts as well, which knows
+of the curvature.
+
+Rounding. Coordinates are at most one (those of far points may be larger, by |q|): a control point of a part is off by
+eta (see jhd._distance.normalization.net_jets) in each coordinate, which moves a distance by at most sqrt(3) eta; a
+corner of a part of a triangle by at most gamma(16) in each.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from typing_extensions import override
+
+from jhd._distance.cells.proxy_bounds import Hulls, bound_of
+from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows
+from jhd._distance.normalization.net_jets import Net, eta, jet, part_of, point_error
+from jhd._distance.search.polished_place import SharpenedPlace
+from jhd._distance.search.row_batches import each, in_blocks
+from jhd._runtime.compiled import compiled
+
+# Cells done side by side: few, since often there are no more.
+_LANES = 8
+# A cell is cut along the parameters along which it is at least this share as long as along the longest, unless it is
+# thinner than this many units of roundoff there.
+_LONG, _THIN = 0.6, 16
+# The share of a cell that each part has at least where it is cut at a place.
+_INSET = 0.05
+
+
+class CellRows(NamedTuple):
+    """Cells of a source: the piece that each is of, and its ends, lower and upper, in each parameter."""
+
+    piece: Int[np.ndarray, " cells"]
+    low: Float[np.ndarray, "cells parameters"]
+    high: Float[np.ndarray, "cells parameters"]
+
+    def take(self, rows: Any) -> "CellRows":
+        """Some of the cells."""
+        return CellRows(*(x[rows] for x in self))
+
+
+class PlacesOfCells(NamedTuple):
+    """Points close to a source, the first of them in the middle of the cell, and what is proven of them.
+
+    Args:
+        points: some for each cell.
+        radius: length within which the source is proven to have a point; infinite where there may be none.
+        parameters: of the points; of a polynomial surface, the points themselves.
+    """
+
+    points: Float[np.ndarray, "cells places 3"]
+    radius: Float[np.ndarray, "cells places"]
+    parameters: Float[np.ndarray, "cells places parameters"]
+
+
+class PlaceOfCut(NamedTuple):
+    """A place at which cells are best cut: the piece it is of, and its parameters."""
+
+    piece: int
+    x: np.ndarray
+
+
+class AbstractSource(ABC):
+    """A shape that distances are maximized over, in common coordinates.
+
+    Its cells have parameters; those of a polynomial surface are coordinates.
+    """
+
+    @abstractmethod
+    def cover(self) -> CellRows:
+        """Cells that cover all of it."""
+
+    @abstractmethod
+    def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
+        """Parts that cover the same, and which cell each is of; what is proven to hold no point is left out.
+
+        Args:
+            cells: which ones.
+            at: a corner of all parts about it, if that can be.
+        """
+
+    @abstractmethod
+    def places(self, cells: CellRows) -> PlacesOfCells:
+        """Points of it in the cells."""
+
+    @abstractmethod
+    def over(self, cells: CellRows, target: AbstractTarget, feet: FootRows) -> np.ndarray:
+        """Proven upper bounds of the distances of its points in the cells to a target, from feet (cells, FEET)."""
+
+    @abstractmethod
+    def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Unit vectors at a place: those along it as if it had no border, and of these the ones into it."""
+
+    def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
+        """A place of it near one that was found, with its error, by default that of those known."""
+        return place, radius
+
+    @abstractmethod
+    def parameters(self, x: np.ndarray) -> np.ndarray:
+        """The parameters of a place as a Witness has them."""
+
+
+class NetSource(AbstractSource):
+    """A parametric surface, or a curve in space.
+
+    Args:
+        net: its pieces in common coordinates.
+        count: how many of these are not repetitions.
+    """
+
+    def __init__(self, net: Net, count: int):
+        self._net, self._count = net, count
+
+    @override
+    def cover(self) -> CellRows:
+        ends = np.zeros((self._count, self._net.parameters), np.asarray(self._net.points).dtype)
+        return CellRows(np.arange(self._count), ends, ends + 1)
+
+    @override
+    def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
+        """At the place, or at the middles of those parameters along which it is long."""
+        parent, middle = np.arange(len(cells.piece)), 0.5 * (cells.low + cells.high)
+        about = np.zeros(len(parent), bool)
+        if at is not None:
+            room = _INSET * (cells.high - cells.low)
+            apt = (at.x - cells.low > room) & (cells.high - at.x > room) & (cells.piece == at.piece)[:, None]
+            about = np.all(apt, axis=1)
+            middle = np.where(about[:, None], at.x, middle)
+        if cells.low.shape[1] == 1:
+            return cut_along(cells, parent, 0, parent >= 0, middle[:, 0])
+        # Beside a side that is a single point cells stay as long as they are wide.
+        corners = self.places(cells).points[:, 1:].reshape(-1, 2, 2, 3)
+        along = [np.sqrt(np.max(np.sum(np.diff(corners, axis=k) ** 2, axis=-1), axis=(1, 2))) for k in (1, 2)]
+        along = np.stack(along, axis=1)
+        wide = cells.high - cells.low > _THIN * np.finfo(cells.low.dtype).eps
+        which = wide & ((along >= _LONG * np.max(along, axis=1, keepdims=True)) | ~np.any(along > 0, axis=1)[:, None])
+        which |= ~np.any(which, axis=1)[:, None] | about[:, None]
+        for axis in range(2):
+            cells, parent = cut_along(cells, parent, axis, which[parent, axis], middle[parent, axis])
+        return cells, parent
+
+    @override
+    def places(self, cells: CellRows) -> PlacesOfCells:
+        """The middle and the corners."""
+        n = cells.low.shape[1]
+        shares = np.concatenate([np.full((1, n), 0.5), np.indices((2,) * n).reshape(n, -1).T]).astype(cells.low.dtype)
+        x = cells.low[:, None] + shares * (cells.high - cells.low)[:, None]
+        x = np.minimum(x, cells.high[:, None])
+        piece = np.repeat(cells.piece, len(shares))
+        points = in_blocks(_points, self._net, piece, x.reshape(-1, n)).reshape(*x.shape[:2], 3)
+        return PlacesOfCells(points, np.full(x.shape[:2], point_error(self._net)), x)
+
+    @override
+    def over(self, cells: CellRows, target: AbstractTarget, feet: FootRows) -> np.ndarray:
+        return over_hulls(Hulls(*in_blocks(_hulls_of_parts, self._net, *cells)), target, feet)
+
+    @override
+    def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        along = units(np.asarray(_tangents(self._net, piece, x), np.float64))
+        return np.concatenate([along, -along]), np.concatenate([along[x < 1], -along[x > 0]])
+
+    @override
+    def parameters(self, x: np.ndarray) -> np.ndarray:
+        return x if len(x) == 2 else np.asarray(x[0])
+
+
+def over_hulls(hulls: Hulls, target: AbstractTarget, feet: FootRows) -> np.ndarray:
+    """Proven upper bounds over cells in hulls."""
+    program = _over_triangles if target.triangles else _over_parallelograms
+    return in_blocks(program, None, *hulls, *target.flats(feet, hulls.corners))
+
+
+def cut_along(
+    cells: CellRows, parent: np.ndarray, axis: int, which: np.ndarray, middle: np.ndarray
+) -> tuple[CellRows, np.ndarray]:
+    """Cells cut at a value of one parameter where asked for, and which cell each part is of."""
+    first, second = cells.high.copy(), cells.low.copy()
+    first[which, axis], second[which, axis] = middle[which], middle[which]
+    rows = np.flatnonzero(which)
+    parts = cells._replace(high=first), cells._replace(low=second).take(rows)
+    return CellRows(*(np.concatenate(x) for x in zip(*parts, strict=True))), np.concatenate([parent, parent[rows]])
+
+
+@compiled
+def _tangents(net: Net, piece: Array, x: Array) -> Array:
+    return jet(net.piece(piece), x).first
+
+
+@compiled
+def _points(net: Net, count: Array, piece: Array, x: Array) -> Array:
+    return each(lambda k, x: jet(net.piece(k), x).point, count, (piece, x), _LANES)
+
+
+@compiled
+def _hulls_of_parts(net: Net, count: Array, piece: Array, low: Array, high: Array) -> Any:
+    def one(k: Array, low: Array, high: Array) -> Any:
+        part = part_of(net.piece(k), low, high)
+        along = jet(part, jnp.full(low.shape, 0.5, low.dtype)).first
+        corners = part.points.reshape(-1, 3)
+        slack = jnp.asarray(math.sqrt(3) * 1.01 * eta(net), corners.dtype)
+        return Hulls(corners, slack, jnp.concatenate([along, jnp.zeros((2 - len(along), 3), along.dtype)]))
+
+    return each(one, count, (piece, low, high), _LANES)
+
+
+@compiled
+def _over_parallelograms(_: None, count: Array, *rows: Array) -> Array:
+    return each(lambda *x: bound_of(x[:3], Flats(*x[3:]), False), count, rows, _LANES)
+
+
+@compiled
+def _over_triangles(_: None, count: Array, *rows: Array) -> Array:
+    return each(lambda *x: bound_of(x[:3], Flats(*x[3:]), True), count, rows, _LANES)
+
+
+def units(rows: np.ndarray) -> np.ndarray:
+    """The directions of vectors; zero for zero."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.where(length > 0, length, 1.0)

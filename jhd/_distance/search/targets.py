@@ -1,0 +1,144 @@
+"""The targets of all shapes but curves, and nearest points of surfaces as functions of the query and the surface."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd._distance.nearest.meshes import checked_points
+from jhd._distance.nearest.target import AbstractTarget, MeshTarget, PointTarget, ProvenFeet
+from jhd._distance.normalization.from_host import from_host
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.normalization.nets import net_of
+from jhd._distance.search.on_patches import NetTarget
+from jhd._distance.search.on_surfaces import SurfaceTarget
+from jhd._distance.witness.surface_projection import with_patch_derivatives, with_surface_derivatives
+from jhd._results.solution import RESULTS, Projection
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._shapes.checks import Numbers, largest_weight_ratio
+from jhd._shapes.curve import BezierSegments
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.patch import AbstractPatch, BezierPatches
+from jhd._shapes.prepared import prepared, working
+
+# How an answer from the host ended.
+_ENDS = (
+    RESULTS.successful,
+    RESULTS.many_nearest_points,
+    RESULTS.existence_not_certified,
+    RESULTS.nonfinite_value,
+    RESULTS.empty_surface,
+)
+
+
+def target_of(shape: Any) -> AbstractTarget:
+    """The target of a shape whose numbers are known, kept with it; see `jhd.prepare`.
+
+    Raises:
+        ValueError: a polynomial surface without points in its box.
+    """
+    return prepared(shape).part(_target)
+
+
+def _target(shape: Any) -> AbstractTarget:
+    if isinstance(shape, TriangleMesh):
+        return MeshTarget(shape)
+    if isinstance(shape, AbstractPatch):
+        return NetTarget(net_of(shape))
+    if isinstance(shape, ImplicitSurface):
+        return SurfaceTarget(shape)
+    if isinstance(shape, BezierSegments):
+        return PointTarget(shape) if shape.degree == 0 else NetTarget(net_of(shape))
+    raise TypeError(f"no target for {type(shape).__name__}.")
+
+
+def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) -> Projection:
+    """Nearest points of a parametric or polynomial surface; see jhd.project.
+
+    Raises:
+        TypeError: points that are not real numbers.
+        ValueError: points that are not finite, empty, or not in space; a surface without points in its box.
+    """
+    queries = checked_points(points)
+    batch, flat = queries.shape[:-1], queries.reshape(-1, 3)
+    surface = working(shape)
+    still = undifferentiated((flat, surface))
+    # Inside jit all operations are traced, those on known numbers too.
+    if is_tracing(still):
+        found = _traced(*still)
+    else:
+        found = _projection(*_ended(target_of(still[1]).nearest(np.asarray(still[0]))))
+    found = _with_derivatives(found, flat, surface)
+    return jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found)
+
+
+def _with_derivatives(found: Projection, points: Array, surface: Any) -> Projection:
+    if not is_traced(points, surface):
+        return found
+    if isinstance(surface, BezierPatches):
+        return with_patch_derivatives(found, points, Net(surface.control_points, surface.weights))
+    return with_surface_derivatives(found, points, surface)
+
+
+def proven_with_derivatives(found: Any, points: Array, shape: AbstractPatch | ImplicitSurface) -> Array:
+    """Distances that were found, differentiable in the points and in the surface."""
+    surface = working(shape)
+    return _with_derivatives(_projection(*_ended(found)), points, surface).distance
+
+
+def _traced(points: Array, surface: Any) -> Projection:
+    """The same from inside a compiled program."""
+    count, dtype = points.shape[0], points.dtype
+    numbers = jax.ShapeDtypeStruct((count,), dtype)
+    wide = lambda *n: jax.ShapeDtypeStruct((count, *n), dtype)  # noqa: E731
+    whole = jax.ShapeDtypeStruct((count,), jnp.int32)
+    t = wide(2) if isinstance(surface, BezierPatches) else wide()
+    like = (numbers, numbers, numbers, wide(3), whole, t, whole)
+    return _projection(*from_host(_answer, like, points, surface))
+
+
+def _projection(*parts: Any) -> Projection:
+    """The result, whose last part says by a number how each query ended."""
+    *numbers, end = (jnp.asarray(x) for x in parts)
+    result = jax.tree_util.tree_map(lambda *x: jnp.stack(x)[end], *_ENDS)
+    return Projection(*numbers[:4], segment=numbers[4].astype(int), t=numbers[5], result=result)
+
+
+def _ended(found: ProvenFeet) -> tuple[np.ndarray, ...]:
+    """What was found, and how each query ended, as a number."""
+    return *found[:6], np.where(found.closed, 0, np.where(np.isfinite(found.upper), 1, 2))
+
+
+def _answer(points: np.ndarray, surface: Any) -> tuple[np.ndarray, ...]:
+    """What is found, and how each query ended, as a number."""
+    count, dtype = len(points), points.dtype
+    nothing, end = np.zeros(count, dtype), np.full(count, 3)
+    t = np.zeros((count, 2), dtype) if isinstance(surface, BezierPatches) else np.full(count, np.nan, dtype)
+    unknown = (nothing + np.inf, nothing, nothing + np.inf, np.full((count, 3), np.nan, dtype), np.full(count, -1), t)
+    if not usable(surface):
+        return *unknown, end
+    try:
+        target = target_of(surface)
+    except ValueError:
+        return *unknown, np.full(count, 4)
+    good = np.all(np.isfinite(points), axis=1)
+    found = target.nearest(np.where(good[:, None], points, 0.0))
+    *known, end = _ended(found)
+    wide = [np.where(good.reshape(-1, *[1] * (np.ndim(x) - 1)), x, y) for x, y in zip(known, unknown, strict=True)]
+    return *wide, np.where(good, end, 3)
+
+
+def usable(surface: Any) -> bool:
+    """Whether the numbers of a shape are those of one."""
+    leaves = [np.asarray(x) for x in jax.tree_util.tree_leaves(surface)]
+    if not all(np.all(np.isfinite(x)) for x in leaves):
+        return False
+    if isinstance(surface, ImplicitSurface):
+        return bool(np.any(leaves[0] != 0) and np.all(np.asarray(surface.lower) < np.asarray(surface.upper)))
+    if isinstance(surface, TriangleMesh) or surface.weights is None:
+        return True
+    least, most = (float(f(np.asarray(surface.weights))) for f in (np.min, np.max))
+    return least > 0 and most / largest_weight_ratio(np.asarray(surface.weights).dtype) <= least

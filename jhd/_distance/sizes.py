@@ -1,0 +1,130 @@
+"""Lengths of curves and areas of surfaces, with certified bounds."""
+
+from typing import Any
+
+import numpy as np
+
+from jhd._distance.cells.arc_length_area import FlatCells
+from jhd._distance.deviation import in_space, measured_in, user_measure
+from jhd._distance.deviation_solution import Bounds
+from jhd._distance.search.dispatch import diagonal_of, together
+from jhd._distance.search.points import is_points
+from jhd._distance.search.sources import CellRows
+from jhd._results.unproven import NotProvenError
+from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array
+from jhd._runtime.decimals import interval_text
+from jhd._shapes.as_shape import taken_as
+from jhd._shapes.checks import Numbers
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.patch import AbstractPatch
+
+# Share of the gap that the cells which are cut leave.
+_LEFT = 0.2
+# The default tolerance, as a share of the diagonal or of its square.
+_SHARE = 1e-12
+
+
+def arc_length(curve: Any, *, rtol: Numbers = 1e-6, atol: Numbers | None = None, max_cells: int = 1 << 18) -> Bounds:
+    """The length of a curve with certified bounds; parts that are run through twice count twice.
+
+    >>> import jhd
+    >>> found = jhd.arc_length(jhd.circle((0, 0), 1.0))
+    >>> bool(found.lower <= 2 * 3.14159265358979 and found.upper >= 2 * 3.14159265358980)
+    True
+
+    Args:
+        curve: a curve in the plane or in space, or an object that `jhd.as_shape` accepts; not a point set.
+        rtol: tolerance on `upper - lower`, relative to `upper`, at least 0. The number of cells grows like
+            1 / sqrt(rtol); straight segments need none.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-12 of the diagonal of
+            the bounding box. The larger tolerance counts.
+        max_cells: largest number of cells.
+
+    Returns:
+        Bounds of the length, in the unit of the coordinates.
+
+    Raises:
+        TypeError: another shape than a curve, or a traced one.
+        ValueError: a tolerance that is negative or not one number, or `max_cells` below 16.
+        NotProvenError: `max_cells` were not enough. The exception carries the bounds reached.
+    """
+    curve = taken_as("curve", curve)
+    if not isinstance(curve, AbstractCurve) or is_points(curve):
+        raise TypeError(f"curve is a {type(curve).__name__}; needs a curve with a length.")
+    return _closed(curve, rtol, atol, max_cells)
+
+
+def surface_area(
+    surface: Any, *, rtol: Numbers = 1e-4, atol: Numbers | None = None, max_cells: int = 1 << 18
+) -> Bounds:
+    """The area of a parametric surface or a mesh with certified bounds; parts that lie on each other count twice.
+
+    >>> import jhd
+    >>> found = jhd.surface_area(jhd.TriangleMesh([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]]))
+    >>> bool(found.lower <= 2 <= found.upper)
+    True
+
+    Args:
+        surface: a mesh, a parametric surface, or an object that `jhd.as_shape` accepts. For an implicit surface pass
+            `surface.to_mesh(tolerance)`, whose area is not that of the surface.
+        rtol: tolerance on `upper - lower`, relative to `upper`, at least 0. The number of cells grows like 1 / rtol;
+            flat pieces need none.
+        atol: absolute tolerance on `upper - lower`, in the square of the unit of the coordinates; by default 1e-12 of
+            the squared diagonal of the bounding box. The larger tolerance counts.
+        max_cells: largest number of cells.
+
+    Returns:
+        Bounds of the area, in the square of the unit of the coordinates.
+
+    Raises:
+        TypeError: another shape than a mesh or a parametric surface, or a traced one.
+        ValueError: a tolerance that is negative or not one number, or `max_cells` below 16.
+        NotProvenError: `max_cells` were not enough. The exception carries the bounds reached.
+    """
+    surface = taken_as("surface", surface)
+    if not isinstance(surface, TriangleMesh | AbstractPatch):
+        raise TypeError(f"surface is a {type(surface).__name__}; needs a mesh or a parametric surface.")
+    if isinstance(surface, AbstractPatch) and min(surface.patches().degrees) == 0:
+        return Bounds(0.0, 0.0)
+    return _closed(surface, rtol, atol, max_cells)
+
+
+def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int) -> Bounds:
+    """Cells are cut until the sum of their measures is known to a tolerance."""
+    if is_traced(shape):
+        raise TypeError("the shape is traced; its cells depend on its numbers, so these must be known.")
+    given, relative = None if atol is None else real_array("atol", atol), real_array("rtol", rtol)
+    check_scalar("rtol", relative)
+    check_scalar("atol", given)
+    check_whole("max_cells", max_cells, 16)
+    relative, shape = float(relative), in_space(shape)
+    pair = together(shape, shape)
+    source = measured_in(shape, pair.a, pair.moved, None)
+    diagonal = float(diagonal_of(shape))
+    if diagonal == 0:  # all control points are one
+        return Bounds(0.0, 0.0)
+    with np.errstate(over="ignore", under="ignore"):
+        share = _SHARE * np.float64(diagonal) ** source.dimension
+    # Bounds of a measure below the normal numbers are one of these apart at least.
+    absolute = max(float(share), np.finfo(np.float64).tiny) if given is None else float(given)
+    cells = source.cover()
+    flat = source.flat(cells)
+    while True:
+        found = user_measure(pair.frame, source.dimension, flat)
+        if found.upper - found.lower <= max(absolute, relative * found.upper):
+            return found
+        gap = flat.upper - flat.lower
+        order = np.argsort(-gap)
+        wide = order[: 1 + int(np.searchsorted(np.cumsum(gap[order]), (1 - _LEFT) * np.sum(gap)))]
+        if len(gap) + 3 * len(wide) > max_cells:
+            text = interval_text(found.lower, found.upper, ".6g")
+            raise NotProvenError(f"{max_cells} cells prove {text} only. Raise a tolerance or max_cells.", found)
+        parts, _ = source.cut(cells.take(wide), flat.take(wide))
+        kept = np.delete(np.arange(len(gap)), wide)
+        cells = CellRows(*map(_after, cells.take(kept), parts))
+        flat = FlatCells(*map(_after, flat.take(kept), source.flat(parts)))
+
+
+def _after(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.concatenate([first, second])

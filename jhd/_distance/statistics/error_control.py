@@ -1,0 +1,64 @@
+"""Values whose derivatives are known to some accuracy: what is not confirmed is refused, never handed out.
+
+Rules over cells are compared with those over their parts. What they still differ by where no more places may be looked
+at is what the derivative may be off by, as a share of what it is summed from.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd._distance.normalization.custom_derivatives import without_derivative
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+
+# Derivatives that may be off by more than this are refused.
+_CONFIRMED = 1e-6
+# The same in units of roundoff.
+_ROUNDINGS = 1e4
+
+
+class Estimated(NamedTuple):
+    """A value, differentiable.
+
+    Args:
+        value: the number.
+        off: how far its derivative may be off, as a share; infinite where nothing is known.
+    """
+
+    value: Array
+    off: float
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether the derivative is as good as is promised, or none is asked for."""
+        roundoff = float(np.finfo(self.value.dtype).eps)
+        return not is_traced(self.value) or self.off <= max(_CONFIRMED, _ROUNDINGS * roundoff)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the number is known now, though it may be differentiated."""
+        return not is_tracing(undifferentiated(self.value))
+
+    @property
+    def refusal(self) -> str:
+        """What is said of a derivative that is not confirmed."""
+        known = f"only to a share of {self.off:.1g}" if np.isfinite(self.off) else "not at all"
+        return (
+            f"the derivative of this statistic is confirmed {known}, not to {_CONFIRMED:g}, with as many places as are "
+            "looked at; estimate(a, b, nodes=n) gives one that is smoothed over n points, good for fits."
+        )
+
+    def guarded(self) -> Array:
+        """The value, whose derivative is NaN where it is not confirmed."""
+        return self.value if self.is_confirmed else without_derivative(self.value)
+
+    def larger(self, other: "Estimated") -> "Estimated":
+        """The larger one: of equal ones both count half, as long as both derivatives are confirmed."""
+        if (self.is_confirmed and other.is_confirmed) or not (self.is_known and other.is_known):
+            return Estimated(jnp.maximum(self.value, other.value), max(self.off, other.off) if self.is_known else 0.0)
+        first, second = (float(undifferentiated(x.value)) for x in (self, other))
+        if first == second:
+            return self if self.off > other.off else other
+        return self if first > second else other

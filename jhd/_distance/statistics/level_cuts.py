@@ -1,0 +1,130 @@
+"""Where the distance passes a level along lines across cells of a surface, and rules below the level and along it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from jhd._distance.statistics.breakpoints import OnLines, meeting
+from jhd._distance.statistics.cut_cells import CellLines, CellNodes, Looked, cut_lines, kind_of, parts_of, ruled
+from jhd._distance.statistics.quadrature import Nodes, ParameterCells
+
+# Parts of a line at whose ends the distance is looked at.
+_PARTS = 4
+# Looks for a place beyond the level where the distance turns, and steps of Newton or halvings to where it passes it.
+_TURN_STEPS, _LEVEL_STEPS = 8, 40
+# Newton's steps end where they are less than this, or where the distance is the level up to such a share.
+_STILL, _REACHED = 2.0**-50, 2.0**-51
+# Halvings of cells before corners of the level are looked for, and halvings to these.
+_SHARP, _CORNER_HALVINGS = 2, 28
+
+
+class LevelRule(NamedTuple):
+    """A rule over cells.
+
+    Args:
+        below: places that lie below the level.
+        on: those where lines pass it, with factors of the other parameter alone.
+        axis: of the lines through these.
+        settled: whether all lines of each part of a cell pass the same.
+    """
+
+    below: CellNodes
+    on: CellNodes
+    axis: Int[np.ndarray, " places"]
+    settled: Bool[np.ndarray, " cells"]
+
+
+def cut_at_level(cells: ParameterCells, looked: Looked, across: np.ndarray, level: float, step: int) -> LevelRule:
+    """Rules over what lies below the level and along it.
+
+    Args:
+        cells: of a surface.
+        looked: what is seen from it.
+        across: the axis of the lines of each cell, across the level.
+        level: of the distance.
+        step: by how many halvings the cells came about.
+    """
+    halvings = _CORNER_HALVINGS if step >= _SHARP else 0
+    cut, settled = cut_lines(cells, across, lambda lines: _passed(lines, looked, level), halvings, step)
+    rule = ruled(cut, step)
+    start = looked.along(cut.lines, cut.lines.low).value <= level
+    inside = start[rule.line] ^ (rule.part % 2 == 1)
+    row, column = np.nonzero(~np.isnan(cut.cuts))
+    lines = cut.lines.take(row)
+    on = CellNodes(Nodes(lines.piece, lines.place(cut.cuts[row, column]), cut.factor[row]), lines.cell)
+    places = CellNodes(Nodes(*(x[inside] for x in rule.places.nodes)), rule.places.cell[inside])
+    return LevelRule(places, on, lines.axis, settled)
+
+
+def _passed(lines: CellLines, looked: Looked, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where the distance passes a level along lines, twice at most in each part, and a number for what is passed."""
+    each, places = parts_of(lines, _PARTS)
+    seen = looked.along(each, places.ravel())
+    ends = [OnLines(*(x.reshape(places.shape)[:, part].ravel() for x in seen)) for part in (slice(-1), slice(1, None))]
+    row = np.repeat(np.arange(len(places)), _PARTS)
+    beyond = _turned(lines.take(row), looked, level, *ends)
+    # Before and behind what lies beyond, both at once.
+    first, last = (OnLines(*map(np.concatenate, zip(*x, strict=True))) for x in ((ends[0], beyond), (beyond, ends[1])))
+    found = _crossed(lines.take(np.tile(row, 2)), looked, level, first, last)
+    place, label = (x.reshape(2, -1).T.reshape(len(places), -1) for x in found)
+    below = ends[0].value.reshape(len(places), _PARTS)[:, :1] <= level
+    count = np.sum(~np.isnan(place), axis=1, keepdims=True)
+    kind = kind_of(np.concatenate([2 * label + 2, 2 * (2 * count + below) + 1], axis=1))
+    return np.sort(place, axis=1), kind
+
+
+def _turned(lines: CellLines, looked: Looked, level: float, first: OnLines, last: OnLines) -> OnLines:
+    """A place of each line on the other side of the level than both its ends, where there is one; else the start."""
+    found = OnLines(*(x.copy() for x in first))
+    side = first.value <= level
+    turns = (side == (last.value <= level)) & (first.slope * last.slope < 0) & ((first.slope > 0) == side)
+    rows = np.flatnonzero(turns & ((meeting(first, last)[1] <= level) != side))
+    for step in range(_TURN_STEPS):
+        if len(rows) == 0:
+            break
+        some = OnLines(*(x[rows] for x in first)), OnLines(*(x[rows] for x in last))
+        kink = meeting(*some)[0]
+        smooth = some[0].place + (some[1].place - some[0].place) * some[0].slope / (some[0].slope - some[1].slope)
+        at = looked.along(lines.take(rows), kink if step % 2 else smooth)
+        ahead = at.slope * some[0].slope > 0
+        for ends, which in ((first, ahead), (last, ~ahead)):
+            for held, new in zip(ends, at, strict=True):
+                held[rows[which]] = new[which]
+        passes = (at.value <= level) != side[rows]
+        for held, new in zip(found, at, strict=True):
+            held[rows[passes]] = new[passes]
+        left = OnLines(*(x[rows] for x in first)), OnLines(*(x[rows] for x in last))
+        rows = rows[~passes & ((meeting(*left)[1] <= level) != side[rows]) & (at.slope != 0)]
+    return found
+
+
+def _crossed(
+    lines: CellLines, looked: Looked, level: float, first: OnLines, last: OnLines
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the distance passes the level between two places, NaN where it does not, and the label there."""
+    found, label = np.full(len(first.place), np.nan), np.full(len(first.place), -1)
+    rows = np.flatnonzero((first.value <= level) != (last.value <= level))
+    low, high = (OnLines(*(x[rows] for x in end)) for end in (first, last))
+    place = low.place + (high.place - low.place) * (level - low.value) / (high.value - low.value)
+    for _ in range(_LEVEL_STEPS):
+        if len(rows) == 0:
+            break
+        at = looked.along(lines.take(rows), place)
+        found[rows], label[rows] = place, at.label
+        before = (at.value <= level) == (low.value <= level)
+        low, high = _chosen(before, at, low), _chosen(before, high, at)
+        # Where a kink lies between, the tangent of the other end leads to its branch.
+        following = 0.5 * (low.place + high.place)
+        for end in (_chosen(before, high, low), at):
+            newton = end.place + (level - end.value) / np.where(end.slope != 0, end.slope, 1.0)
+            inside = (end.slope != 0) & (newton >= low.place) & (newton <= high.place)
+            following = np.where(inside, newton, following)
+        moves = (np.abs(following - place) > _STILL) & (np.abs(at.value - level) > _REACHED * abs(level))
+        rows, place = rows[moves], following[moves]
+        low, high = (OnLines(*(x[moves] for x in end)) for end in (low, high))
+    return found, label
+
+
+def _chosen(which: np.ndarray, first: OnLines, second: OnLines) -> OnLines:
+    return OnLines(*(np.where(which, x, y) for x, y in zip(first, second, strict=True)))

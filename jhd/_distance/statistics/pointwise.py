@@ -1,0 +1,183 @@
+"""The distance to a shape seen from places of another one: its value, and its slopes along the parameters.
+
+Whoever looks at thousands of places needs the nearest foot but not its distance to the last digit of a proof: bounds of
+the distance to a surface may stay apart by some billionths of the size, and its pieces are cut beforehand, which takes
+an eighth of the time. A foot that is not the nearest is then as near as that.
+
+A distance that rounding does not tell from zero is zero, and so is its derivative: where shapes coincide, feet lie
+beside their places by rounding alone, in any direction.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import eval_context
+from jaxtyping import Array, Float, Int
+
+from jhd._distance.nearest.target import AbstractTarget, ProvenFeet
+from jhd._distance.normalization.net_jets import Net, part_of
+from jhd._distance.normalization.nets import net_of
+from jhd._distance.project import project
+from jhd._distance.search.on_patches import NetTarget
+from jhd._distance.search.points import is_points
+from jhd._distance.search.targets import proven_with_derivatives, target_of
+from jhd._distance.statistics.quadrature import Nodes, known_along
+from jhd._results.solution import Projection
+from jhd._runtime.arrays import undifferentiated
+from jhd._runtime.compiled import compiled
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.patch import AbstractPatch
+
+# Bounds may stay apart by this share of the size; about so many parts are made of all pieces of a surface.
+_CLOSE, _PARTS = 2.0**-27, 64
+# Most places that are looked at: what takes a tenth of a millisecond each on surfaces takes less on curves, and some
+# microseconds elsewhere.
+_MOST, _MOST_ON_CURVES, _MOST_ON_SURFACES = 1 << 18, 1 << 16, 1 << 15
+# A distance up to this, in units of roundoff of coordinates of at most one, is not told from zero without a proof.
+_NOTHING = 256
+# As many times as many where a derivative is to be confirmed, which jumps where feet do and the distance does not.
+_PATIENCE = 4
+# The label of what is at distance zero; others are not negative.
+_NO_PART = -2
+
+
+class Seen(NamedTuple):
+    """What is seen at places: distances, unit vectors away from the feet, slopes along the parameters, density.
+
+    Args:
+        distance: to the nearest foot, or to a near one.
+        normal: (places, dim); zero at distance zero.
+        slope: (places, parameters).
+        density: length or area per parameter.
+        label: which smooth part of the shape holds the foot, as a number: of two such parts they differ. At distance
+            zero that is no part.
+    """
+
+    distance: Float[np.ndarray, " places"]
+    normal: Float[np.ndarray, "places dim"]
+    slope: Float[np.ndarray, "places parameters"]
+    density: Float[np.ndarray, " places"]
+    label: Int[np.ndarray, " places"]
+
+
+class Sight:
+    """Distances to b, whose numbers are known, from places given in another unit.
+
+    Args:
+        b: the shape.
+        scale: a power of two; places and answers are multiplied with it.
+        derived: whether derivatives are asked for.
+    """
+
+    def __init__(self, b: Any, scale: float, derived: bool):
+        self.b, self.scale = undifferentiated(b), scale
+        self._cuts = 1
+        self._target: AbstractTarget | None = None
+        if isinstance(b, AbstractPatch):
+            net = net_of(self.b)
+            self._cuts = max(1, round((_PARTS / len(net.points)) ** 0.5))
+            self._target = NetTarget(_cut(net, self._cuts))
+        elif is_points(b) or not isinstance(b, AbstractCurve):
+            self._target = target_of(self.b.segments() if is_points(b) else self.b)
+        low, high = (np.asarray(end) for end in self.b.bounds)
+        self._close = _CLOSE * float(np.max(high - low))
+        few = _MOST_ON_SURFACES if isinstance(b, AbstractPatch | ImplicitSurface) else _MOST_ON_CURVES
+        self.most = (_MOST if is_points(b) or isinstance(b, TriangleMesh) else few) * (_PATIENCE if derived else 1)
+
+    def feet(self, points: np.ndarray) -> ProvenFeet | Projection:
+        """The nearest feet of points, in the unit of b."""
+        # Known numbers need nothing of a derivative that is being taken around.
+        with eval_context():
+            if self._target is None:
+                return project(points, self.b, throw=False)
+            found = self._target.nearest(points, close=self._close)
+            # What may be at distance zero is looked at to the end.
+            maybe = (found.lower <= 0) & told_from_zero(found, self.scale)
+            if np.any(maybe):
+                closer = self._target.nearest(points[maybe])
+                found = ProvenFeet(*map(np.array, found))
+                for x, y in zip(found, closer, strict=True):
+                    x[maybe] = y
+        if self._cuts == 1:
+            return found
+        piece, part = np.divmod(found.segment, self._cuts**2)
+        corner = np.stack(np.unravel_index(part, (self._cuts,) * 2), axis=1)
+        return found._replace(segment=piece, t=(corner + found.t) / self._cuts)
+
+    def near(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances of points and their feet, both times the scale; a point at distance zero is its own foot."""
+        _, distance, apart = self._seen(points)
+        return distance, np.asarray(points) - apart
+
+    def _seen(self, points: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray]:
+        """What is nearest to points, the distances, and the points less their feet, both times the scale."""
+        own = np.asarray(points) / self.scale
+        found = self.feet(own)
+        told = told_from_zero(found, self.scale)
+        # In units in which squares are numbers.
+        apart = (own - np.asarray(found.foot)) * self.scale
+        return found, np.where(told, np.asarray(found.distance) * self.scale, 0.0), np.where(told[:, None], apart, 0.0)
+
+    def at(self, net: Net, nodes: Nodes) -> Seen:
+        """What is seen from places of a known net."""
+        if len(nodes.piece) == 0:
+            nothing = np.zeros(0)
+            shapes = np.zeros((0, net.dim)), np.zeros((0, net.parameters))
+            return Seen(nothing, *shapes, nothing, np.zeros(0, int))
+        points, density, first = known_along(net, nodes)
+        found, distance, apart = self._seen(points)
+        length = np.linalg.norm(apart, axis=1, keepdims=True)
+        normal = apart / np.where(length > 0, length, 1.0)
+        slope = np.sum(first * normal[:, None], axis=2)
+        label = np.where(distance > 0, self._labels(found), _NO_PART)
+        return Seen(distance, normal, slope, density, label)
+
+    def _labels(self, found: Any) -> np.ndarray:
+        """The vertex, edge or face of a mesh, the inside, side or corner of a piece, or the faces of a box."""
+        foot, segment, t = (np.asarray(x) for x in (found.foot, found.segment, found.t))
+        segment = segment.astype(np.int64)
+        if isinstance(self.b, TriangleMesh):
+            held = np.sort(np.where(t > 0, np.asarray(self.b.triangles, np.int64)[segment] + 1, 0), axis=1)
+            return held @ (len(self.b.vertices) + 1) ** np.arange(3, dtype=np.int64)
+        low, high = self.b.bounds if isinstance(self.b, ImplicitSurface) else (0.0, 1.0)
+        at = foot if isinstance(self.b, ImplicitSurface) else t.reshape(len(t), -1)
+        ends = (at <= np.asarray(low)) + 2 * (at >= np.asarray(high))
+        return 27 * segment + ends @ 3 ** np.arange(ends.shape[1])
+
+    def moving(self, points: Array, b: Any) -> Array:
+        """Distances of places to b, differentiable in both."""
+        own = points / self.scale
+        if isinstance(b, AbstractPatch | ImplicitSurface):
+            found = self.feet(np.asarray(undifferentiated(own)))
+            distance = proven_with_derivatives(found, own, b)
+        else:
+            found = project(own, b, throw=False)
+            distance = found.distance
+        return jnp.where(told_from_zero(found, self.scale), distance * self.scale, 0.0)
+
+
+def told_from_zero(found: Any, scale: float) -> np.ndarray:
+    """Whether distances, known now, are proven to be positive, or more than rounding leaves of coordinates.
+
+    Args:
+        found: the nearest points.
+        scale: a power of two that makes coordinates at most one.
+    """
+    lower, distance = (np.asarray(undifferentiated(x)) for x in (found.lower, found.distance))
+    return (lower > 0) | (distance * scale > _NOTHING * float(np.finfo(distance.dtype).eps))
+
+
+def _cut(net: Net, count: int) -> Net:
+    """Each piece as so many parts along each parameter."""
+    pieces = len(net.points)
+    low = np.tile(np.array(list(np.ndindex(count, count))) / count, (pieces, 1))
+    return jax.tree_util.tree_map(np.asarray, _parts(net, np.repeat(np.arange(pieces), count**2), low, 1 / count))
+
+
+@compiled
+def _parts(net: Net, piece: Any, low: Any, size: Any) -> Net:
+    return jax.vmap(lambda k, at: part_of(net.piece(k), at, at + size))(piece, low)

@@ -1,0 +1,227 @@
+"""Integrals of the distance to b along a, differentiable: places along a, where a first look needs them, and factors.
+
+The parameter cells of a are halved until a Lobatto rule over a cell and over its parts agree, for the distance, its
+square, and the direction away from the foot, to what the rounding of coordinates leaves of each. Where the foot jumps
+the distance has a kink; cells about it are cut until what they can err by vanishes, so
+on curves value and derivatives come out nearly to rounding. A rule without places at the ends of a cell would not see a
+kink beside them. On surfaces, where kinks are whole curves (jhd._distance.statistics.surface_quadrature), this is for a
+given number of places, which ends it; where there is no room for parts, rules of Gauss do with fewer places.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import eval_context
+from jaxtyping import Array, Float, Int
+
+from jhd._arithmetic.scaling import length
+from jhd._distance.normalization.net_jets import Net, jet
+from jhd._runtime.compiled import optimized
+from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.mesh import TriangleMesh
+
+# Places of a rule along each parameter of a curve and of a surface, and of one for as many pieces as there is room for.
+_ON_CURVES, _ON_SURFACES, _COARSE = 9, 4, (3, 2, 1)
+# Halves of a cell in all, and most places on curves and on surfaces, to which projections may take a millisecond each.
+_HALVINGS, _MOST_PLACES = 26, {1: 1 << 17, 2: 1 << 13}
+# A cell is done where a rule over it and over its parts differ by this share of the integral, on curves and surfaces.
+_AGREED = {1: 1e-13, 2: 1e-10}
+# The same of the direction, as a share of the length or area.
+_DIRECTED = 1e-9
+# What rounding leaves of distances, in units of roundoff of coordinates of at most one.
+_ROUNDINGS = 64
+# Directions are not known where distances are positive but no more than this in the mean, in the same units.
+_UNKNOWN = 1 << 14
+# Numbers of places that programs are compiled for.
+_PADDED = (64, 512, 1 << 13, 1 << 17, 1 << 18)
+
+
+class ParameterCells(NamedTuple):
+    """Boxes of parameters: pieces, lower and upper ends (cells, parameters)."""
+
+    piece: Int[np.ndarray, " cells"]
+    low: Float[np.ndarray, "cells parameters"]
+    high: Float[np.ndarray, "cells parameters"]
+
+    def take(self, rows: Any) -> "ParameterCells":
+        """Some of the cells."""
+        return ParameterCells(*(x[rows] for x in self))
+
+
+class Resolved(NamedTuple):
+    """Cells over which rules agree with those over their parts.
+
+    Args:
+        cells: of the parameters.
+        count: places of the rule along each.
+        left: share of the length or area in cells where they do not: feet may jump there.
+    """
+
+    cells: ParameterCells
+    count: int
+    left: float
+
+
+class Nodes(NamedTuple):
+    """Places along a shape: pieces, parameters (places, parameters), and the factor that each counts with."""
+
+    piece: Int[np.ndarray, " places"]
+    t: Float[np.ndarray, "places parameters"]
+    factor: Float[np.ndarray, " places"]
+
+
+def net_of(shape: Any) -> Net:
+    """A curve, a parametric surface or a mesh as pieces, differentiable in the shape."""
+    if isinstance(shape, TriangleMesh):
+        # A triangle is a patch with one collapsed edge: along u from a corner, along v beside the edge across.
+        corners = shape.vertices[shape.triangles]
+        first, second, third = (corners[:, k] for k in range(3))
+        return Net(jnp.stack([jnp.stack([first, first], 1), jnp.stack([second, third], 1)], 1), None)
+    if isinstance(shape, AbstractCurve):
+        segments = shape.segments()
+        weights = None if segments.weights is None else segments.weights[:, :, None]
+        return Net(segments.control_points[:, :, None], weights)
+    patches = shape.patches()
+    return Net(patches.control_points, patches.weights)
+
+
+def whole(net: Net) -> ParameterCells:
+    """One cell for each piece."""
+    ends = np.zeros((net.points.shape[0], net.parameters))
+    return ParameterCells(np.arange(len(ends)), ends, ends + 1)
+
+
+@lru_cache
+def _lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places and weights of the rule with so many places, both ends among them."""
+    top = np.polynomial.legendre.Legendre.basis(count - 1)
+    x = np.concatenate([[-1.0], np.sort(top.deriv().roots().real), [1.0]])
+    return x, 2 / (count * (count - 1) * top(x) ** 2)
+
+
+def nodes_of(cells: ParameterCells, count: int) -> Nodes:
+    """The places of a rule with so many along each parameter, cell after cell; of Lobatto from four on."""
+    x, w = _lobatto(count) if count > max(_COARSE) else np.polynomial.legendre.leggauss(count)
+    n = cells.low.shape[1]
+    places = np.stack([g.ravel() for g in np.meshgrid(*[(x + 1) / 2] * n, indexing="ij")], axis=-1)
+    factors = np.prod(np.stack([g.ravel() for g in np.meshgrid(*[w / 2] * n, indexing="ij")], axis=-1), axis=-1)
+    size = cells.high - cells.low
+    t = cells.low[:, None] + size[:, None] * places
+    factor = np.prod(size, axis=1)[:, None] * factors
+    return Nodes(np.repeat(cells.piece, len(places)), t.reshape(-1, n), factor.ravel())
+
+
+def halved(cells: ParameterCells) -> ParameterCells:
+    """Each cell as two or four parts, in their order."""
+    n = cells.low.shape[1]
+    middle = 0.5 * (cells.low + cells.high)
+    parts = np.array(list(np.ndindex(*[2] * n)), bool)
+    low = np.where(parts, middle[:, None], cells.low[:, None]).reshape(-1, n)
+    high = np.where(parts, cells.high[:, None], middle[:, None]).reshape(-1, n)
+    return ParameterCells(np.repeat(cells.piece, len(parts)), low, high)
+
+
+def resolved(net: Net, see: Callable[[Net, "Nodes"], Any], most: int | None = None) -> "Resolved":
+    """ParameterCells over which rules with some places along each parameter agree with those over their parts.
+
+    Args:
+        net: the pieces, known.
+        see: what is seen from places of the net, whose coordinates are at most one
+            (jhd._distance.statistics.pointwise).
+        most: places in all, at most, but one for each piece; None for as many as serve.
+
+    Returns:
+        The cells, the number of places along each parameter, and how far derivatives of what they sum may be off.
+    """
+    cells = whole(net)
+    most = _MOST_PLACES[net.parameters] if most is None else most
+    count = (_ON_CURVES, _ON_SURFACES)[net.parameters - 1]
+    if 2**net.parameters * len(cells.piece) * count**net.parameters > most:
+        count = next((k for k in _COARSE if len(cells.piece) * k**net.parameters <= most), 1)
+    each, parts = count**net.parameters, 2**net.parameters
+    values = _integrals(net, see, cells, count)
+    done: list[ParameterCells] = []
+    total = np.abs(np.sum(values, axis=0))
+    unknown = 0 < total[1] <= _UNKNOWN * float(np.finfo(values.dtype).eps) * total[0]
+    for _ in range(0 if unknown else _HALVINGS):
+        settled = sum(len(c.piece) for c in done)
+        if (settled + parts * len(cells.piece)) * each > most:
+            break
+        finer = halved(cells)
+        below = _integrals(net, see, finer, count)
+        both = np.sum(below.reshape(len(cells.piece), parts, -1), axis=1)
+        total = np.maximum(total, np.abs(np.sum(below, axis=0)))
+        agreed = np.abs(both - values)[:, :-1] <= _allowed(total, values, net.parameters)
+        agreed = np.repeat(np.all(agreed, axis=1), parts)
+        done.append(finer.take(agreed))
+        cells, values = finer.take(~agreed), below[~agreed]
+        if len(cells.piece) == 0:
+            break
+    rows = [np.concatenate([getattr(c, name) for c in (*done, cells)]) for name in ParameterCells._fields]
+    left = float(np.sum(np.abs(values[:, 0])) / total[0]) if total[0] > 0 else 0.0
+    return Resolved(ParameterCells(*rows), count, left)
+
+
+def _integrals(net: Net, see: Callable[[Net, Nodes], Any], cells: ParameterCells, count: int) -> np.ndarray:
+    """Of one, the distance, its square and the direction over each cell, and what rounding leaves of the latter."""
+    nodes = nodes_of(cells, count)
+    seen = see(net, nodes)
+    d, each = seen.distance, count**net.parameters
+    noise = np.minimum(_ROUNDINGS * float(np.finfo(d.dtype).eps) / np.where(d > 0, d, np.inf), 1.0).reshape(-1, each)
+    # Where the foot jumps the direction does, by more than rounding; where shapes cross or part it turns or vanishes.
+    normal, label = seen.normal.reshape(len(noise), each, -1), seen.label.reshape(len(noise), -1)
+    spread = np.max(np.sum((normal - normal[:, :1]) ** 2, axis=2), axis=1) ** 0.5
+    several = np.any(label != label[:, :1], axis=1) & (spread > 2 * np.max(noise, axis=1))
+    several |= np.any(np.sum(normal * normal[:, :1], axis=2) < 0, axis=1)
+    several |= np.any(label != label[:, :1], axis=1) & np.any(label < 0, axis=1)
+    noise = np.where(several[:, None], 0.0, noise)
+    rows = np.column_stack([np.ones_like(d), d, d**2, seen.normal, noise.ravel()])
+    rows = rows * (nodes.factor * seen.density)[:, None]
+    return np.sum(rows.reshape(len(noise), each, -1), axis=1)
+
+
+def _allowed(total: np.ndarray, values: np.ndarray, parameters: int) -> np.ndarray:
+    """By how much integrals over cells may differ from those over their parts, all but the last."""
+    rounded = _ROUNDINGS * float(np.finfo(values.dtype).eps)
+    least = _AGREED[parameters] * total[:3]
+    room = rounded * np.column_stack([0 * values[:, 0], values[:, 0], 2 * values[:, 1]])
+    directions = np.repeat(_DIRECTED * total[0] + values[:, -1:], values.shape[1] - 4, axis=1)
+    return np.concatenate([least + room, directions], axis=1)
+
+
+def along(net: Net, nodes: Nodes) -> tuple[Array, Array, Array]:
+    """Points of a shape at nodes, its speed or area per parameter and its first derivatives there, differentiable."""
+    points, density, first = _along(net, *map(jnp.asarray, _padded(nodes)))
+    count = len(nodes.piece)
+    return points[:count], density[:count], first[:count]
+
+
+def known_along(net: Net, nodes: Nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of a shape whose numbers are known, in NumPy, at a small part of the cost of each call."""
+    with eval_context():
+        points, density, first = (np.asarray(x)[: len(nodes.piece)] for x in _along(net, *_padded(nodes)))
+    return points, density, first
+
+
+def _padded(nodes: Nodes) -> tuple[np.ndarray, np.ndarray]:
+    """Pieces and parameters of so many nodes as programs are compiled for."""
+    count = len(nodes.piece)
+    more = next((size for size in _PADDED if size >= count), count) - count
+    t = np.pad(nodes.t, ((0, more), (0, 0)), constant_values=0.5)
+    return np.pad(nodes.piece, (0, more)), t
+
+
+@optimized
+def _along(net: Net, piece: Array, t: Array) -> tuple[Array, Array, Array]:
+    def one(k: Array, t: Array) -> tuple[Array, Array, Array]:
+        at = jet(net.piece(k), t)
+        if net.parameters == 1:
+            return at.point, length(at.first[0]), at.first
+        first, second = (x if net.dim == 3 else jnp.pad(x, (0, 3 - net.dim)) for x in at.first)
+        return at.point, length(jnp.cross(first, second)), at.first
+
+    return jax.vmap(one)(piece, t)

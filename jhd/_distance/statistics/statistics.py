@@ -1,0 +1,460 @@
+"""Measures of the distance between two shapes: largest, quantile, mean, or root mean square.
+
+Each has certified bounds, from the cells of jhd._distance.deviation, and a differentiable value. On point sets the
+value uses the distances of all points. On curves, surfaces and meshes it is an integral with nodes at fixed parameters
+(jhd._distance.statistics.quadrature), and its derivative is the derivative of this integral.
+
+Source: the partial Hausdorff distance by a quantile is due to Huttenlocher, Klanderman & Rucklidge, Comparing Images
+Using the Hausdorff Distance (1993); the larger of both means is the modified Hausdorff distance of Dubuisson & Jain
+(1994).
+"""
+
+from abc import abstractmethod
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jhd._arithmetic.scaling import common_exponent, scale_of
+from jhd._distance.deviation import check_kinds, checked_weights, deviation
+from jhd._distance.deviation_solution import Deviation, check_share
+from jhd._distance.hausdorff import directed_hausdorff
+from jhd._distance.normalization.custom_derivatives import carrying
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.project import project
+from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._distance.search.dispatch import dtype_of
+from jhd._distance.search.points import is_points
+from jhd._distance.statistics.error_control import Estimated
+from jhd._distance.statistics.in_programs import answer_in_program
+from jhd._distance.statistics.level_sets import quantile_over
+from jhd._distance.statistics.pointwise import Sight, told_from_zero
+from jhd._distance.statistics.quadrature import along, net_of, nodes_of, resolved
+from jhd._distance.statistics.quantiles import quantile_along, quantile_beside, quantile_of
+from jhd._distance.statistics.surface_quadrature import resolved_on_surface
+from jhd._results.batches import AbstractSolution
+from jhd._results.bounds import AbstractBounds, Bounds
+from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
+from jhd._results.unproven import relative_tolerance
+from jhd._runtime.arrays import is_traced, is_tracing, real_array, undifferentiated
+from jhd._runtime.decimals import interval_text
+from jhd._shapes.as_shape import taken_as
+from jhd._shapes.checks import Numbers
+from jhd._shapes.curve import AbstractCurve
+from jhd._triangles.closest_point import outward
+
+
+class StatisticSolution(AbstractBounds, AbstractSolution):
+    """A statistic of the distances from one shape to another, or the larger of both directions.
+
+    Args:
+        value: the statistic, between the bounds; differentiable in both shapes.
+        lower: certified lower bound.
+        upper: certified upper bound.
+        direction: the member of DIRECTIONS that attains the value.
+        result: RESULTS.successful, or the reason why the bounds are wider than the tolerance.
+    """
+
+    value: Float[Array, ""]
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
+    direction: Any
+    result: Any
+
+    def __repr__(self) -> str:
+        bounds = interval_text(self.lower, self.upper, ".9g")
+        value = "traced" if is_traced(self.value) else f"{float(self.value):.9g}"
+        return f"StatisticSolution({value} in {bounds}, {name_of(self.direction)}, {name_of(self.result)})"
+
+
+def _directed(given: bool) -> bool:
+    if not isinstance(given, bool | np.bool_):
+        came = type(given).__name__
+        raise TypeError(
+            f"directed must be True or False; got {came}. Pass shapes in a second call: MeanDistance()(a, b)."
+        )
+    return bool(given)
+
+
+def check_statistic(statistic: object) -> None:
+    """Raises TypeError unless it is a statistic or None."""
+    if statistic is None or isinstance(statistic, AbstractStatistic):
+        return
+    came = f"the class {statistic.__name__}: call it" if isinstance(statistic, type) else repr(statistic)
+    raise TypeError(
+        f"statistic must be MaxDistance(), MeanDistance(), RMSDistance() or QuantileDistance(q); got {came}."
+    )
+
+
+def _weights(given: Any) -> Array | None:
+    return None if given is None else real_array("weights", given)
+
+
+class Along(NamedTuple):
+    """Distances to `b` at points along `a`.
+
+    Args:
+        distance: the distances, differentiable in both shapes.
+        weight: the weight of each point, differentiable in `a`.
+        off: bound of the relative error of derivatives of sums.
+    """
+
+    distance: Array
+    weight: Array
+    off: float
+
+
+class AbstractStatistic(eqx.Module):
+    """A statistic of the distances between two shapes; call it as `statistic(a, b)`.
+
+    Args:
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each. A call can
+            override them. In a fit, `a` is the target.
+    """
+
+    directed: eqx.AbstractVar[bool]
+    weights: eqx.AbstractVar[Array | None]
+
+    def __call__(
+        self,
+        a: Any,
+        b: Any,
+        *,
+        weights: Numbers | None = None,
+        rtol: Numbers = 1e-3,
+        atol: Numbers | None = None,
+        throw: bool = True,
+    ) -> StatisticSolution:
+        """The statistic with certified bounds; its value is differentiable in both shapes and in the weights.
+
+        Works under jit and vmap by host calls, one after the other, with first derivatives. There, checks of values are
+        skipped and `throw` is ignored: read `result`.
+
+        Args:
+            a: points, a curve, a parametric surface or a mesh; for MaxDistance() an implicit surface too.
+            b: a shape of any of these kinds and of the same dimension. Directed statistics also accept an implicit
+                surface.
+            weights: weights of the points of `a`, of shape (points,), at least 0; by default those of the statistic.
+            rtol: tolerance relative to the upper bound, at least 0; by default 1e-3. MaxDistance() ignores it.
+            atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default the tolerance of
+                `deviation`, or of `hausdorff` for MaxDistance().
+            throw: whether to raise NotProvenError if the bounds do not close; by default True.
+
+        Returns:
+            A StatisticSolution: value, bounds and direction.
+
+        Raises:
+            TypeError: an object that is not a shape, a surface whose area is not certified, or weights for a shape that
+                is not a point set.
+            ValueError: the dimensions differ, or `deviation` refuses the shapes.
+            NotProvenError: the tolerance was not reached and `throw` is True. Differentiation also raises it if the
+                derivative is not confirmed to a millionth; if `throw` is False, the derivative is then NaN.
+        """
+        a, b, counts = self._checked(a, b, weights)
+        if _is_hidden(a, b, counts, atol, rtol) and not isinstance(self, MaxDistance):
+            shapes, options = _with_weights(a, b, counts)
+            options |= {"atol": atol, "rtol": rtol}
+            return answer_in_program(partial(_known, self), partial(_refused, dtype_of(a)), shapes, options)
+        found = self._one_way(a, b, counts, atol, rtol)
+        if not self.directed:
+            back = self._one_way(b, a, None, atol, rtol)
+            turned = eqx.tree_at(lambda x: x.direction, back.solution, DIRECTIONS.b_to_a)
+            found = _larger(found, back._replace(solution=turned))
+        if throw and not is_traced(found.solution.result):
+            throw_unless_successful(found.solution, option=relative_tolerance(found.reached))
+            _throw_unless_confirmed(found.value, found.solution)
+        return eqx.tree_at(lambda x: x.value, found.solution, found.value.guarded())
+
+    def estimate(self, a: Any, b: Any, weights: Numbers | None = None, nodes: int | None = None) -> Array:
+        """The value alone, without bounds, for losses that are evaluated often.
+
+        Args:
+            a: the source shape, as in a call.
+            b: the target shape, as in a call.
+            weights: weights of the points of `a`, as in a call.
+            nodes: largest number of points along a curve or surface. By default the integrals choose it, up to a
+                fixed limit that takes some seconds.
+
+        Returns:
+            The value, a scalar array, differentiable in both shapes.
+
+        Raises:
+            NotProvenError: it is differentiated without `nodes`, and the derivative is not confirmed to a millionth.
+                In compiled functions the derivative is NaN instead.
+        """
+        a, b, counts = self._checked(a, b, weights)
+        if _is_hidden(a, b, counts) and not isinstance(self, MaxDistance):
+            known = partial(_known_value, self, nodes)
+            return answer_in_program(known, partial(jnp.asarray, jnp.inf, dtype_of(a)), *_with_weights(a, b, counts))
+        found = self._estimated(a, b, counts, nodes)
+        _throw_unless_confirmed(found, None)
+        return found.value
+
+    def _checked(self, a: Any, b: Any, weights: Any) -> tuple[Any, Any, Any]:
+        """Both shapes and the weights, all that can be refused before values are known."""
+        a, b = taken_as("a", a), taken_as("b", b)
+        if not isinstance(self, MaxDistance):
+            check_kinds(a, b, self.directed)
+        return a, b, checked_weights(a, self.weights if weights is None else weights)
+
+    def _estimated(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
+        """The value alone, in one direction or both."""
+        ways = [(a, b, weights)] if self.directed else [(a, b, weights), (b, a, None)]
+        found = [self._value(a, b, counts, nodes) for a, b, counts in ways]
+        # Of so many nodes as are asked for the derivative is what it is.
+        found = found if nodes is None else [x._replace(off=0.0) for x in found]
+        return found[0] if self.directed else found[0].larger(found[1])
+
+    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> "_Directed":
+        """The directed statistic."""
+        *known, counts = undifferentiated((a, b, weights))
+        found = deviation(*known, atol=atol, rtol=rtol, quantile=getattr(self, "q", None), weights=counts, throw=False)
+        bounds = self._bounds(found)
+        value, off = self._value(a, b, weights, None)
+        lower, upper = _rounded_outward(bounds, np.dtype(value.dtype))
+        inside = jnp.asarray(_within(bounds, np.asarray(undifferentiated(value))))
+        # Compiled programs take subnormal numbers for zero.
+        value = carrying(inside, value) if is_traced(value) else inside
+        solution = StatisticSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result)
+        return _Directed(solution, Estimated(value, off), found.reached(getattr(self, "q", None)))
+
+    @abstractmethod
+    def _bounds(self, found: Deviation) -> Bounds:
+        """Its bounds."""
+
+    @abstractmethod
+    def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
+        """The value, differentiable in both shapes."""
+
+
+class _Directed(NamedTuple):
+    """A statistic, its value with what is known of its derivative, and all bounds that were to be closed."""
+
+    solution: StatisticSolution
+    value: Estimated
+    reached: dict[str, Any]
+
+
+class MaxDistance(AbstractStatistic):
+    """The largest distance, as `hausdorff` or `directed_hausdorff`. It accepts no weights.
+
+    Args:
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+    """
+
+    directed: bool = eqx.field(default=False, static=True, converter=_directed)
+    weights: Array | None = eqx.field(default=None, init=False)
+
+    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> _Directed:
+        if weights is not None:
+            raise ValueError("MaxDistance() accepts no weights; leave out the points that do not count.")
+        found = directed_hausdorff(a, b, BranchAndBound(atol=atol), throw=False)
+        solution = StatisticSolution(found.value, found.lower, found.upper, DIRECTIONS.a_to_b, found.result)
+        return _Directed(solution, Estimated(found.value, 0.0), {})
+
+    def _bounds(self, found: Deviation) -> Bounds:
+        return Bounds(found.maximum.lower, found.maximum.upper)
+
+    def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
+        return Estimated(directed_hausdorff(a, b, throw=False).value, 0.0)
+
+
+class MeanDistance(AbstractStatistic):
+    """The mean distance over the length or area of `a`, or over its points.
+
+    Call it as `jhd.MeanDistance()(a, b)`, or as `jhd.MeanDistance().estimate(a, b)` in a loss.
+
+    Args:
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
+    """
+
+    directed: bool = eqx.field(default=False, static=True, converter=_directed)
+    weights: Array | None = eqx.field(default=None, converter=_weights)
+
+    def _bounds(self, found: Deviation) -> Bounds:
+        return found.mean
+
+    def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
+        scale, at = _distances(a, b, weights, nodes)
+        return Estimated(jnp.sum(at.weight * at.distance) / jnp.sum(at.weight) / scale, at.off)
+
+
+class RMSDistance(AbstractStatistic):
+    """The root of the mean squared distance over the length or area of `a`, or over its points.
+
+    Call it as `jhd.RMSDistance()(a, b)`, or as `jhd.RMSDistance().estimate(a, b)` in a loss.
+
+    Args:
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
+    """
+
+    directed: bool = eqx.field(default=False, static=True, converter=_directed)
+    weights: Array | None = eqx.field(default=None, converter=_weights)
+
+    def _bounds(self, found: Deviation) -> Bounds:
+        return found.rms
+
+    def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
+        scale, at = _distances(a, b, weights, nodes)
+        square = jnp.sum(at.weight * at.distance**2) / jnp.sum(at.weight)
+        some = square > 0
+        return Estimated(jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0) / scale, at.off)
+
+
+class QuantileDistance(AbstractStatistic):
+    """The q-quantile of the distance: the least distance that a fraction q of `a` does not exceed.
+
+    This is the partial Hausdorff distance; call it as `jhd.QuantileDistance(0.9)(a, b)`. The derivative is taken at the
+    points whose distance equals the quantile (or on the region, if a whole region has this distance). The method
+    estimate with `nodes` smooths the quantile instead, with a relative error of up to a few hundredths.
+
+    Args:
+        q: a fraction, above 0 and at most 1: 0.5 is the median, 1 the largest distance. It counts as reached within its
+            rounding: nine of ten points are a fraction of 0.9.
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
+    """
+
+    q: float = eqx.field(static=True)
+    directed: bool = eqx.field(static=True)
+    weights: Array | None
+
+    def __init__(self, q: float, directed: bool = False, weights: Numbers | None = None):
+        check_share("q", q)
+        self.q, self.directed, self.weights = float(q), _directed(directed), _weights(weights)
+
+    def _bounds(self, found: Deviation) -> Bounds:
+        return found.quantile(self.q)
+
+    def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
+        if self.q == 1 and weights is None:
+            return Estimated(directed_hausdorff(a, b, throw=False).value, 0.0)
+        found = None if is_points(a) else self._level(a, b, nodes)
+        if found is not None:
+            return found
+        scale, at = _distances(a, b, weights, nodes)
+        if is_points(a):
+            # The weights as they were given, whose sums are exact.
+            counts = at.weight if weights is None else weights
+            return Estimated(at.distance[quantile_of(at.distance, counts, self.q)[0]] / scale, 0.0)
+        beside = quantile_beside(at.distance, at.weight, self.q)
+        return beside._replace(value=beside.value / scale)
+
+    def _level(self, a: Any, b: Any, nodes: int | None) -> Estimated | None:
+        """The quantile by the points where the distance passes it, if it can be told by these."""
+        if not isinstance(a, AbstractCurve) and nodes is not None:
+            return None
+        scale = _scale(a, b)
+        sight, net = Sight(b, scale, is_traced(a, b)), _scaled(a, scale)
+        if not isinstance(a, AbstractCurve):
+            found = quantile_over(net, sight, b, self.q)
+        else:
+            known = resolved(undifferentiated(net), sight.at, nodes)
+            found = quantile_along(net, known.cells, lambda x: sight.moving(x, b), sight.near, self.q)
+            found = None if found is None else found._replace(off=max(found.off, known.left))
+        return None if found is None else found._replace(value=found.value / scale)
+
+
+def _rounded_outward(bounds: Bounds, dtype: np.dtype) -> tuple[Array, Array]:
+    """Bounds in double precision as arrays of the precision of the shapes."""
+    ends = (bounds.lower, -1), (bounds.upper, 1)
+    return tuple(jnp.asarray(outward(np.asarray(x), 0, dtype, sign)) for x, sign in ends)  # pyright: ignore[reportReturnType]
+
+
+def _within(bounds: Bounds, value: np.ndarray) -> np.ndarray:
+    """The value where it lies between the bounds, else the nearest one, or their middle where it is no number."""
+    known = np.where(np.isnan(value), bounds.value, value)
+    return np.asarray(np.clip(known, bounds.lower, bounds.upper), value.dtype)
+
+
+def _is_hidden(*values: Any) -> bool:
+    """Whether numbers are known only when a program runs; what is differentiated outside of one is known."""
+    return is_tracing(undifferentiated([x for x in jax.tree_util.tree_leaves(values) if eqx.is_array(x)]))
+
+
+def _with_weights(a: Any, b: Any, weights: Any) -> tuple[Any, dict[str, Any]]:
+    """What a program may differentiate, and the options: weights that are known stay as they are."""
+    return ((a, b, weights), {"weights": None}) if is_traced(weights) else ((a, b, None), {"weights": weights})
+
+
+def _known(statistic: AbstractStatistic, shapes: Any, weights: Any, **options: Any) -> StatisticSolution:
+    a, b, moving = shapes
+    return statistic(a, b, weights=weights if moving is None else moving, **options, throw=False)
+
+
+def _known_value(statistic: AbstractStatistic, nodes: int | None, shapes: Any, weights: Any) -> Array:
+    a, b, moving = shapes
+    return statistic._estimated(a, b, checked_weights(a, weights if moving is None else moving), nodes).guarded()
+
+
+def _throw_unless_confirmed(value: Estimated, solution: Any) -> None:
+    if not value.is_confirmed:
+        raise NotProvenError(value.refusal, solution)
+
+
+def _refused(dtype: Any) -> StatisticSolution:
+    """What is said of shapes that are none."""
+    unknown, nothing = jnp.asarray(jnp.inf, dtype), jnp.asarray(0.0, dtype)
+    return StatisticSolution(unknown, nothing, unknown, DIRECTIONS.a_to_b, RESULTS.nonfinite_value)
+
+
+def _larger(first_way: _Directed, second_way: _Directed) -> _Directed:
+    """The larger of both directions: its value and direction, with the larger of both bounds."""
+    there, back = first_way.solution, second_way.solution
+    known = undifferentiated((there, back))
+    # Compiled programs take subnormal numbers for zero.
+    host = not is_tracing([x.value for x in known])
+    values, lowers, uppers = ([getattr(x, name) for x in known] for name in ("value", "lower", "upper"))
+    if host:
+        values, lowers, uppers = ([np.asarray(x) for x in pair] for pair in (values, lowers, uppers))
+    largest = np.maximum if host else jnp.maximum
+    first = jnp.asarray(values[0] >= values[1])
+    result = result_where(there.result == RESULTS.successful, back.result, there.result)
+    lower, upper = (jnp.asarray(largest(*pair)) for pair in (lowers, uppers))
+    # On the host the other one is left out, whose derivative may not be confirmed.
+    value = Estimated(jnp.where(first, there.value, back.value), 0.0)
+    value = (first_way if first else second_way).value if host else value
+    direction = DIRECTIONS.where(first, there.direction, back.direction)
+    reached = {f"{of}, {way}": ends for way, x in enumerate((first_way, second_way)) for of, ends in x.reached.items()}
+    return _Directed(StatisticSolution(value.value, lower, upper, direction, result), value, reached)
+
+
+def _distances(a: Any, b: Any, weights: Any, nodes: int | None) -> tuple[float, Along]:
+    """Distances at points along a times a power of two, so that squares are numbers, and that power."""
+    scale = _scale(a, b)
+    if is_points(a):
+        points = a.segments().control_points[:, 0]
+        counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(undifferentiated(weights)))
+        found = project(points, b, throw=False)
+        distance = jnp.where(told_from_zero(found, scale), found.distance * scale, 0.0)
+        return scale, Along(distance, counts, 0.0)
+    net, sight = _scaled(a, scale), Sight(b, scale, is_traced(a, b))
+    known = undifferentiated(net)
+    found = None
+    if nodes is None and net.parameters == 2:
+        found = resolved_on_surface(known, sight)
+    if found is None:
+        cells, count, left = resolved(known, sight.at, nodes)
+        found = nodes_of(cells, count), left if net.parameters == 1 else np.inf
+    rule, off = found
+    points, density, _ = along(net, rule)
+    return scale, Along(sight.moving(points, b), jnp.asarray(rule.factor) * density, off)
+
+
+def _scaled(a: Any, scale: float) -> Net:
+    """The pieces of a times the power of two, differentiable."""
+    net = net_of(a)
+    return Net(net.points * scale, net.weights)
+
+
+def _scale(a: Any, b: Any) -> float:
+    """The power of two by which the coordinates of both shapes are of about one."""
+    boxes = [np.asarray(end) for shape in undifferentiated((a, b)) for end in shape.bounds]
+    return float(scale_of(common_exponent(*boxes), boxes[0].dtype))

@@ -1,0 +1,489 @@
+"""The conditions at a farthest place and its feet, for shapes of any two kinds, as functions of both shapes.
+
+The place x_0 on a, the feet x_k on b, their multipliers m_k and s = h^2 / 2 are a stationary point of
+
+    L = s + sum m_k (|p(x_0) - q_k(x_k)|^2 / 2 - s) - sum mu_j c_j(x_j)
+
+with the points p and q_k of the coordinates x, and one constraint c_j = 0 for a place on an implicit surface (its
+polynomial) or on a triangle (barycentric coordinates have the sum one). Coordinates at a border, an edge or a face of a
+box that presses are held there. The derivative of the distance is that of the points at fixed x (the envelope theorem);
+how x and m move follows from the conditions by implicit differentiation. This gives second and higher derivatives.
+
+The direction from a foot to the place is the difference of both points. On an implicit surface it is the normal if
+rounding turns the normal less. At distance zero derivatives are zero by convention.
+
+Source: Karush-Kuhn-Tucker conditions of the maximum of a minimum; sensitivity of their solutions: Fiacco, Introduction
+to Sensitivity and Stability Analysis in Nonlinear Programming, Academic Press 1983, chapter 3.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array
+
+from jhd._arithmetic.polynomials import jets, rescaled, slopes
+from jhd._arithmetic.rounding import like_double, smallest_normal, unit_roundoff
+from jhd._arithmetic.scaling import common_exponent, length, scale_of
+from jhd._distance.normalization.implicit_derivatives import MovingNumbers
+from jhd._distance.normalization.net_jets import Net, jet
+from jhd._results.solution import MinimumSolution, Witness
+from jhd._runtime.arrays import varying
+
+# Singular values below this fraction of the largest are zero: no move along non-isolated places.
+_FLAT = 1e-10
+# A border presses if the slope towards it is at least this fraction of the length of the derivative.
+_PRESSING = 1e-7
+# Barycentric coordinates below this put a place on an edge.
+_ON_EDGE = 1e-9
+# Newton steps before the conditions are differentiated.
+_STEPS = 2
+# Fraction of the size of a box within which a point lies on one of its faces.
+_TOUCHING = 1e-9
+# A face whose angle with the surface has a smaller sine does not hold: the surface touches it.
+_TANGENT = 0.05
+# Coordinates of points at about one are known to this many units of roundoff.
+_NOISE = 256
+# A face lets go where the pull is inward by more than this fraction of the distance.
+_INWARD = 1e-9
+
+
+class NetRows(NamedTuple):
+    """Segments or patches, of which each has one set of control points, and of weights where there are any."""
+
+    points: Any
+    weights: Any
+
+    @property
+    def net(self) -> Net:
+        """One piece, with one column if it is a piece of a curve."""
+        if self.points.ndim == 3:
+            return Net(self.points, self.weights)
+        return Net(self.points[:, None], None if self.weights is None else self.weights[:, None])
+
+
+class PointRows(NamedTuple):
+    """Points of a set."""
+
+    points: Any
+
+
+class CornerRows(NamedTuple):
+    """Corners of triangles."""
+
+    corners: Any
+
+
+class Polynomial(NamedTuple):
+    """A polynomial surface."""
+
+    coefficients: Any
+    lower: Any
+    upper: Any
+
+
+# Those whose coordinates satisfy an equation.
+Bound = Polynomial | CornerRows
+
+
+class _State(NamedTuple):
+    """All unknowns: the place, its feet, and the multipliers.
+
+    Args:
+        x: coordinates (1 + feet, 3), the first row of the place: parameters, barycentric coordinates or those in space.
+        multipliers: those of the feet.
+        constraints: the multipliers of the constraints (1 + feet,).
+        half_sq: half the squared distance.
+    """
+
+    x: Array
+    multipliers: Array
+    constraints: Array
+    half_sq: Array
+
+
+class _Fixed(NamedTuple):
+    """What does not move on its own.
+
+    Args:
+        held: the coordinates (1 + feet, 3) that a border holds, or that a point does not have.
+        low: whether it is the lower border.
+        at: where the coordinates began.
+        used: the feet that count.
+        along: the feet whose normals tell the directions.
+    """
+
+    held: Array
+    low: Array
+    at: Array
+    used: Array
+    along: Array
+
+
+def _coordinates(rows: Any, t: Array, at: Array) -> Array:
+    """The three coordinates (places, 3) of places with parameters t at points."""
+    if isinstance(rows, Polynomial):
+        return at
+    t = jnp.zeros((len(at), 0), at.dtype) if isinstance(rows, PointRows) else t.reshape(len(at), -1)
+    return jnp.pad(t, ((0, 0), (0, 3 - t.shape[1])))
+
+
+def _moving_point(rows: Any, still: Any, at: tuple[Array, Array, Array]) -> Array:
+    """A point at fixed coordinates as a function of the rows that it depends on.
+
+    On an implicit surface the point moves along the normal and with the faces of the box that hold it.
+
+    Args:
+        rows: the rows that move.
+        still: the same rows; they tell the normal.
+        at: the coordinates of the point, which of them are held, and which of those at a lower face.
+    """
+    x, held, low = at
+    if isinstance(rows, Polynomial):
+        moving = jnp.where(held, jnp.where(low, rows.lower, rows.upper), x)
+        free = jnp.where(held, 0.0, slopes(still.coefficients, x)[1])
+        # The square of a length of 1e-20 is zero in single precision.
+        steep = length(free)
+        steep = jnp.where(steep > 0, steep, jnp.inf)
+        return moving - slopes(rows.coefficients, moving)[0] / steep * (free / steep)
+    return _point(rows, x)
+
+
+def _borders(rows: Polynomial, x: Array) -> tuple[Array, Array]:
+    """Which coordinates lie on the lower face of a box, and which on the upper one."""
+    near = like_double(_TOUCHING, x.dtype) * jnp.max(rows.upper - rows.lower)
+    return x <= rows.lower + near, x >= rows.upper - near
+
+
+def _point(rows: Any, x: Array) -> Array:
+    if isinstance(rows, Polynomial):
+        return x
+    if isinstance(rows, CornerRows):
+        return jnp.sum(x[:, None] * rows.corners, axis=0)
+    if isinstance(rows, PointRows):
+        return rows.points[0]
+    net = rows.net
+    return jet(net, x[: net.parameters]).point
+
+
+def _constraint(rows: Any, x: Array) -> tuple[Array, Array]:
+    """The value of a constraint, and its gradient.
+
+    Values are lengths on an implicit surface and squares of lengths on a triangle, which keep multipliers about one.
+    """
+    if isinstance(rows, Polynomial):
+        value, gradient = slopes(rows.coefficients, x)
+        steep = jax.lax.stop_gradient(length(gradient))
+        steep = jnp.where(steep > 0, steep, 1.0)
+        return value / steep, gradient / steep
+    edges = rows.corners - rows.corners[0] if isinstance(rows, CornerRows) else jnp.zeros_like(x)
+    square = jax.lax.stop_gradient(jnp.max(jnp.abs(edges)) ** 2)
+    return square * (jnp.sum(x) - 1), jnp.full_like(x, square)
+
+
+def _rounding(rows: Any, x: Array) -> Array:
+    """A bound on a constraint that rounding alone may leave, which is much far from the origin."""
+    if not isinstance(rows, Polynomial):
+        return jnp.zeros((), x.dtype)
+    terms, steep = slopes(jnp.abs(rows.coefficients), jnp.abs(x))[0], length(slopes(rows.coefficients, x)[1])
+    return _NOISE * unit_roundoff(x.dtype) * terms / jnp.where(steep > 0, steep, 1.0)
+
+
+def _at_places(function: Callable[..., Any], x: Any, *rows: tuple[Any, Any]) -> Any:
+    """A function of rows and coordinates at the place and at each foot, stacked.
+
+    Args:
+        function: takes the rows of one place, as often as `rows` are given, and its coordinates.
+        x: the coordinates of all places, and further arrays with a row for each.
+        rows: those of a, and those of b with one row a foot; an implicit surface has one for all.
+    """
+    carriers, targets = zip(*rows, strict=True)
+    first, others = (jax.tree_util.tree_map(lambda y, k=k: y[k], x) for k in (0, slice(1, None)))
+    axes = [None if isinstance(target, Polynomial) else 0 for target in targets]
+    feet = jax.vmap(function, in_axes=(*axes, 0))(*targets, others)
+    return jax.tree_util.tree_map(lambda y, z: jnp.concatenate([y[None], z]), function(*carriers, first), feet)
+
+
+def from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
+    """Value, point and feet of a directed distance with its witness as functions of the rows of both shapes.
+
+    The point and the feet move with the shapes at fixed coordinates.
+    """
+    rows, (found, w) = finite((rows, constants))
+    scale, rows = in_one_unit(rows, found)
+    points = scale * w.point[None], scale * w.feet
+    start = _started(rows, (w.t[None], w.feet_params), points, w.multipliers, found * scale)
+    fixed = _fixed(*jax.lax.stop_gradient((start, rows)), True)
+    moving = _at_places(_moving_point, (start.x, fixed.held, fixed.low), rows, jax.lax.stop_gradient(rows))
+    numbers = {"value": _distance(start, rows, fixed) / scale, "point": moving[0] / scale, "feet": moving[1:] / scale}
+    return MovingNumbers(numbers, {"value": found > 0, "point": True, "feet": True})
+
+
+def from_pair(rows: tuple[Any, Any], constants: tuple[MinimumSolution, Array, Array]) -> MovingNumbers:
+    """Value of a minimum distance as a function of the rows of both shapes.
+
+    Args:
+        rows: those of a and of b.
+        constants: the solution, the coordinates of both points one after the other, and the distance in a unit in
+            which both shapes have about the size one.
+    """
+    rows, (solution, x, distance) = finite((rows, constants))
+    n = rows[0].net.parameters if isinstance(rows[0], NetRows) else 3
+    rows = rows[0], rows[1] if isinstance(rows[1], Polynomial) else jax.tree_util.tree_map(lambda y: y[None], rows[1])
+    scale, rows = in_one_unit(rows, solution.value)
+    points = scale * solution.point_a[None], scale * solution.point_b[None]
+    start = _started(rows, (x[None, :n], x[None, n:]), points, jnp.ones(1, x.dtype), solution.value * scale)
+    fixed = _fixed(*jax.lax.stop_gradient((start, rows)), False)
+    return MovingNumbers({"value": _distance(start, rows, fixed) / scale}, apart(solution, distance))
+
+
+def finite(found: Any) -> Any:
+    """Zeros in place of numbers that are not finite, which stand for what was not found.
+
+    Its derivatives are not used, but zeros go back through them: they must be numbers.
+    """
+    return jax.tree_util.tree_map(lambda x: jnp.where(jnp.isfinite(x), x, 0), found)
+
+
+def apart(solution: MinimumSolution, distance: Array) -> Array:
+    """Whether the shapes are proven to be apart, or their nearest points are by more than rounding moves these.
+
+    Elsewhere the direction from one to the other is noise, and derivatives are zero as where shapes meet.
+
+    Args:
+        solution: the distance with its bounds.
+        distance: the same in common coordinates, where both shapes have about the size one.
+    """
+    told = (solution.lower > 0) | (distance > _NOISE * unit_roundoff(solution.value.dtype))
+    return told & (solution.value > 0)
+
+
+def _started(rows: tuple[Any, Any], t: tuple[Array, Array], at: tuple[Array, Array], m: Array, far: Array) -> _State:
+    """The unknowns that a search found, from parameters and points (places, ...), multipliers and the distance."""
+    x = jnp.concatenate([_coordinates(*place) for place in zip(rows, t, at, strict=True)])
+    return _State(x, m, jnp.zeros(1 + m.size, m.dtype), 0.5 * far**2)
+
+
+def in_one_unit(rows: tuple[Any, Any], far: Array) -> tuple[Array, tuple[Any, Any]]:
+    """A power of two, and the rows in a unit in which lengths are at most about one.
+
+    Unknowns differ by powers of the size of the shapes: lengths, their squares and parameters. Dividing the rows and
+    then the columns of the linearized conditions by their largest entries does not undo this if the size is large.
+
+    Control points count from a point of a. Implicit surfaces keep the origin: their coefficients hang on it.
+    """
+    still = jax.lax.stop_gradient(rows)
+    boxes = [part.upper - part.lower for part in still if isinstance(part, Polynomial)]
+    origin = jnp.zeros(3, far.dtype) if boxes else still[0][0].reshape(-1, still[0][0].shape[-1])[0]
+    scale = scale_of(common_exponent(*(boxes or [still[0][0] - origin]), far), far.dtype)
+    return scale, tuple(_in_unit(part, origin, scale) for part in rows)
+
+
+def _in_unit(part: Any, origin: Array, scale: Array) -> Any:
+    if isinstance(part, Polynomial):
+        return Polynomial(rescaled(part.coefficients, scale), part.lower * scale, part.upper * scale)
+    return part._replace(**{part._fields[0]: (part[0] - origin) * scale})
+
+
+@jax.custom_jvp
+def _distance(start: _State, rows: tuple[Any, Any], fixed: _Fixed) -> Array:
+    """The sum of the distances to the feet, weighted by the multipliers, as a function of the rows.
+
+    How the state moves matters from the second order on, and is not asked for before.
+    """
+    return _pulled(_pulls(start, rows, fixed), rows)
+
+
+@_distance.defjvp
+def _distance_rule(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    start, rows, fixed = primals
+    pulls = _pulls(_balance(start, rows, fixed), rows, fixed)
+    return _distance(*primals), jax.jvp(partial(_pulled, pulls), (rows,), (tangents[1],))[1]
+
+
+_Pulls = tuple[tuple[Array, Array, Array], Array, tuple[Any, Any]]
+
+
+def _pulls(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _Pulls:
+    weighted = state.multipliers[:, None] * _directions(state, rows, fixed.along)
+    return (state.x, fixed.held, fixed.low), weighted, rows
+
+
+def _directions(state: _State, rows: tuple[Any, Any], along: Array) -> Array:
+    """The unit vectors from the feet to the place, along a normal where that is known better."""
+    at = _at_places(_point, state.x, rows)
+    apart = at[0] - at[1:]
+    far = length(apart)
+    units = apart / jnp.where(far > 0, far, 1.0)[:, None]
+    if not isinstance(rows[1], Polynomial):
+        return units
+    gradients = jax.vmap(lambda x: slopes(rows[1].coefficients, x)[1])(state.x[1:])
+    turned = jnp.sum(gradients * apart, axis=-1) < 0
+    normals = jnp.where(turned[:, None], -gradients, gradients) / jnp.where(along, length(gradients), 1.0)[:, None]
+    return jnp.where(along[:, None], normals, units)
+
+
+def _along_normal(rows: Polynomial, x: Array, place: Array) -> Array:
+    """Whether rounding turns the normal at a foot less than the vector to the place.
+
+    Points are known to a unit of roundoff of the coordinates or of the box. This turns the vector by its share of the
+    length, and the gradient by its product with the second derivatives. Rounding of the terms of the gradient turns it
+    too. So normals do not count next to singular points, nor beyond the centers of curvature.
+    """
+    _, gradient, hessian = jets(rows.coefficients, x)
+    terms = slopes(jnp.abs(rows.coefficients), jnp.abs(x))[1]
+    reach = jnp.max(jnp.stack([length(x), length(place), jnp.max(rows.upper - rows.lower)]))
+    return (length(terms) / reach + length(hessian.ravel())) * length(place - x) < length(gradient)
+
+
+def _pulled(state: _Pulls, rows: tuple[Any, Any]) -> Array:
+    places, pulls, still = state
+    moving = _at_places(_moving_point, places, rows, still)
+    return jnp.sum(pulls * (moving[0] - moving[1:]))
+
+
+@jax.custom_jvp
+def _balance(start: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
+    """The solution of the conditions next to the start, as a function of the rows; its value is the start.
+
+    Args:
+        start: the coordinates and multipliers found; those of the constraints are not needed.
+        rows: the rows of a and of b.
+        fixed: the coordinates that are held, and the feet that count.
+    """
+    return start
+
+
+@_balance.defjvp
+def _balance_rule(primals: tuple, tangents: tuple) -> tuple[_State, _State]:
+    start, rows, fixed = primals
+    state, constant = jax.lax.stop_gradient((start, rows))
+    rounding = _at_places(_rounding, state.x, constant)
+
+    def newton(_: Any, state: _State) -> _State:
+        left = _conditions(state, constant, fixed)
+        known = jnp.abs(left.constraints) > rounding
+        step = _solved(state, constant, fixed, left._replace(constraints=jnp.where(known, left.constraints, 0.0)))
+        return jax.tree_util.tree_map(jnp.subtract, state, step)
+
+    state = _with_multipliers(state, constant, fixed)
+    # The search has solved the conditions of two implicit surfaces already.
+    if not all(isinstance(part, Polynomial) for part in rows):
+        state = jax.lax.fori_loop(0, _STEPS, newton, varying(state, constant, fixed))
+    state = _balance(state, rows, fixed)
+    _, change = jax.jvp(lambda moving: _conditions(state, moving, fixed), (rows,), (tangents[1],))
+    return _balance(start, rows, fixed), jax.tree_util.tree_map(jnp.negative, _solved(state, rows, fixed, change))
+
+
+def _free_lagrangian(state: _State, rows: tuple[Any, Any], used: Array) -> Array:
+    """The Lagrange function without constraints."""
+    points = _at_places(_point, state.x, rows)
+    apart_sq = jnp.sum((points[0] - points[1:]) ** 2, axis=-1)
+    return state.half_sq + jnp.sum(jnp.where(used, state.multipliers * (0.5 * apart_sq - state.half_sq), 0.0))
+
+
+def _slopes(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> tuple[_State, Array]:
+    """The derivatives of the Lagrange function, and the gradients of the constraints.
+
+    At the place they are those of distances, not of squares, to implicit surfaces. If the surfaces are close, the
+    directions of the normals at the feet tell how the place moves, and the vectors to it do not.
+    """
+    left, x = jax.grad(_free_lagrangian)(state, rows, fixed.used), state.x
+    values, normals = _at_places(_constraint, x, rows)
+    pulls = left.x
+    if isinstance(rows[1], Polynomial):
+        weights = jnp.where(fixed.used, state.multipliers, 0.0)[:, None]
+        combined = jnp.sum(weights * _directions(state, rows, fixed.along), axis=0)
+        pulls = pulls.at[0].set(jax.grad(lambda x: jnp.sum(combined * _point(rows[0], x)))(x[0]))
+    return left._replace(x=pulls - state.constraints[:, None] * normals, constraints=-values), normals
+
+
+def _conditions(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
+    """What is left of each condition."""
+    left, (held, low, at, used, _) = _slopes(state, rows, fixed)[0], fixed
+    walls = [
+        jnp.where(low, part.lower, part.upper) if isinstance(part, Polynomial) else at
+        for part, low, at in ((rows[0], low[0], at[0]), (rows[1], low[1:], at[1:]))
+    ]
+    counts = jnp.append(True, used)
+    # At a corner of a box no coordinate is left to satisfy an equation.
+    bound = jnp.append(isinstance(rows[0], Bound), used & isinstance(rows[1], Bound)) & ~jnp.all(held, axis=-1)
+    x = jnp.where(held, state.x - jnp.concatenate([walls[0][None], walls[1]]), left.x)
+    return _State(
+        jnp.where(counts[:, None], x, state.x - at),
+        jnp.where(used, left.multipliers, state.multipliers),
+        jnp.where(bound, left.constraints, state.constraints),
+        left.half_sq,
+    )
+
+
+def _fixed(state: _State, rows: tuple[Any, Any], farthest: bool) -> _Fixed:
+    """The coordinates at a border that presses, those that a place does not have, and which feet count."""
+    used = state.multipliers > 0
+    pulls = jax.grad(_free_lagrangian)(state, rows, used).x
+    # Downhill is uphill at the place that is farthest.
+    pulls = pulls.at[0].set(-pulls[0] if farthest else pulls[0])
+    far = jnp.sqrt(2 * state.half_sq) * jnp.append(1.0, state.multipliers)
+    held, low = _at_places(lambda part, place: _held(part, *place), (state.x, pulls, far), rows)
+    along = jnp.zeros_like(used)
+    if isinstance(rows[1], Polynomial):
+        along = jax.vmap(partial(_along_normal, rows[1], place=_point(rows[0], state.x[0])))(state.x[1:])
+    return _Fixed(held, low, state.x, used, along & ~jnp.any(held[1:], axis=-1))
+
+
+def _held(rows: Any, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
+    """Which coordinates of a place are held, and which at their lower border; the pull is the slope."""
+    if isinstance(rows, Polynomial):
+        return _held_by_faces(rows, x, pull, far)
+    if isinstance(rows, PointRows):
+        return jnp.ones(3, bool), jnp.ones(3, bool)
+    if isinstance(rows, CornerRows):
+        inside = x > _ON_EDGE
+        pull = pull - jnp.sum(jnp.where(inside, pull, 0.0)) / jnp.maximum(jnp.sum(inside), 1)
+        size = jnp.max(length(rows.corners - _point(rows, x)))
+        # A triangle whose corners are one point has no coordinates, and its constraint would have no weight.
+        return ~inside & (pull > _PRESSING * far * size) | (size**2 < smallest_normal(x.dtype)), ~inside
+    net = rows.net
+    n = net.parameters
+    size = far * length(jet(net, x[:n]).first)
+    size = jnp.concatenate([size, jnp.zeros(3 - n, x.dtype)])
+    presses = (x <= 0) & (pull > _PRESSING * size) | (x >= 1) & (pull < -_PRESSING * size)
+    return presses | (jnp.arange(3) >= n), x <= 0
+
+
+def _held_by_faces(rows: Polynomial, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
+    """The same of a point of an implicit surface, on faces that press and that the surface does not only touch."""
+    (low, high), gradient = _borders(rows, x), slopes(rows.coefficients, x)[1]
+    border = low | high
+    steep = _TANGENT * length(gradient)
+    touched = (length(jnp.where(border, 0.0, gradient)) <= steep) & ~jnp.all(border)
+    # Of the faces at an edge those across the surface go on holding.
+    border = border & ~(touched & (jnp.abs(gradient) > steep))
+    free = jnp.where(border, 0.0, gradient)
+    rest = length(free)
+    rest = jnp.where(rest > 0, rest, jnp.inf)
+    pull = pull - jnp.sum(free / rest * pull) * (gradient / rest)
+    return border & (jnp.where(low, pull, -pull) >= -like_double(_INWARD, x.dtype) * far), low
+
+
+def _with_multipliers(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
+    """The state with the multipliers of the constraints that fit best."""
+    left, normals = _slopes(state._replace(constraints=jnp.zeros_like(state.constraints)), rows, fixed)
+    free = jnp.where(fixed.held, 0.0, normals)
+    square = jnp.sum(free**2, axis=-1)
+    return state._replace(constraints=jnp.sum(free * left.x, axis=-1) / jnp.where(square > 0, square, 1.0))
+
+
+def _solved(state: _State, rows: tuple[Any, Any], fixed: _Fixed, right: _State) -> _State:
+    """The solution of the linearized conditions, of least norm where they are singular."""
+    flat, form = ravel_pytree(state)
+    matrix = jax.jacfwd(lambda x: ravel_pytree(_conditions(form(x), rows, fixed))[0])(flat)
+    still = jax.lax.stop_gradient(matrix)
+    by_row = 1 / jnp.maximum(jnp.max(jnp.abs(still), axis=1), smallest_normal(still.dtype))
+    by_column = 1 / jnp.maximum(jnp.max(jnp.abs(still * by_row[:, None]), axis=0), smallest_normal(still.dtype))
+    scaled = matrix * by_row[:, None] * by_column
+    inverse = jnp.linalg.pinv(scaled, rtol=like_double(_FLAT, flat.dtype))
+    return form(by_column * (inverse @ (by_row * ravel_pytree(right)[0])))

@@ -1,0 +1,97 @@
+"""Critical pairs: the local maxima of the distance between two curves, in both directions, with their derivatives.
+
+They are the active set of a minimax problem: where one curve is fitted to the other, several of them are equal. The
+maxima of one direction are found by jhd._distance.witness.maxima. One that is narrower than the samples there are apart
+can be missed: nothing says that the list is complete. The entry, jhd._distance.critical_pairs, checks the largest one.
+
+Source: the events are those of Elber & Grandine, GMP 2008; the search is ours.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd._distance.normalization.coordinates import Frame
+from jhd._distance.normalization.curves import prepare
+from jhd._distance.witness.maxima import local_maxima
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
+from jhd._runtime.arrays import undifferentiated
+from jhd._runtime.compiled import compiled
+from jhd._shapes.curve import BezierSegments
+
+# Pairs at the same place, in the common coordinates, are one.
+_SAME = 1e-5
+
+
+def local_pairs(a: BezierSegments, b: BezierSegments, capacity: int) -> tuple[CriticalPairs, Frame]:
+    """The critical pairs that samples show, without derivatives, in the user's coordinates; and the common ones."""
+    p, q, frame = prepare(*undifferentiated((a, b)))
+    return _placed(_both(p, q, capacity), frame), frame
+
+
+def _placed(found: CriticalPairs, frame: Frame) -> CriticalPairs:
+    """What was found in the common coordinates, in the user's."""
+    witness = replace(found.witness, point=frame.place(found.witness.point), feet=frame.place(found.witness.feet))
+    usable = jnp.asarray(frame.usable)
+    result = result_where(usable, found.result, RESULTS.nonfinite_value)
+    return CriticalPairs(frame.length(found.value), witness, found.valid & usable, result)
+
+
+@partial(compiled, static=(2,))
+def _both(a: BezierSegments, b: BezierSegments, capacity: int) -> CriticalPairs:
+    """Critical pairs in the common coordinates."""
+    # One program for both directions, one after the other: compiled twice it would take twice as long.
+    count = max(a.count, b.count)
+    pairs = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), _padded(a, count), _padded(b, count))
+    turned = jax.tree_util.tree_map(lambda x: x[::-1], pairs)
+    found = jax.lax.map(lambda pair: local_maxima(pair[0], pair[1], 2 * capacity), (pairs, turned))
+    there, back = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
+    back = _of_other_direction(back)
+    value = jnp.concatenate([there[0], jnp.where(_repeats(there, back), -jnp.inf, back[0])])
+    witness = jax.tree_util.tree_map(lambda x, y: jnp.concatenate([x, y]), there[1], back[1])
+    order = jnp.argsort(-value)[:capacity]
+    kept = value[order]
+    valid = kept > -jnp.inf
+    # Entries that hold nothing are the first one once more, so that no derivative meets an empty system.
+    order = jnp.where(valid, order, order[0])
+    full = jnp.sum(value > -jnp.inf) > capacity
+    result = result_where(full, RESULTS.capacity_reached, RESULTS.successful)
+    kept_witness = jax.tree_util.tree_map(lambda x: x[order], witness)
+    return CriticalPairs(jnp.where(valid, kept, 0.0), kept_witness, valid, result)
+
+
+def _padded(curve: BezierSegments, count: int) -> BezierSegments:
+    """The curve with its last segment repeated."""
+    index = np.minimum(np.arange(count), curve.count - 1)
+    return jax.tree_util.tree_map(lambda x: jnp.asarray(x)[index], curve)
+
+
+def _of_other_direction(found: tuple[Array, Witness]) -> tuple[Array, Witness]:
+    value, witness = found
+    turned = jax.vmap(lambda _: DIRECTIONS.b_to_a)(value)
+    return value, replace(witness, direction=turned)
+
+
+def _repeats(there: tuple[Array, Witness], back: tuple[Array, Witness]) -> Array:
+    """Which maxima of one direction are pairs of the other: one foot, the same places, and the same of them held.
+
+    An end whose foot is near the other curve's end, and that other end with the first for its foot, are two maxima.
+    """
+    (first, w), (_, v) = there, back
+
+    def apart(x: Array, y: Array) -> Array:
+        return jnp.max(jnp.abs(x[:, None] - y), axis=-1)
+
+    def held(x: Witness) -> tuple[Array, Array]:
+        carrier, s = (x.event == EVENTS.a_end) | (x.event == EVENTS.corner), x.feet_params[:, 0]
+        return carrier, (x.event == EVENTS.b_end) | carrier & ((s <= 0) | (s >= 1))
+
+    (w_carrier, w_foot), (v_carrier, v_foot) = held(w), held(v)
+    alike = (v_carrier[:, None] == w_foot) & (v_foot[:, None] == w_carrier)
+    crosswise = alike & (jnp.maximum(apart(v.point, w.feet[:, 0]), apart(v.feet[:, 0], w.point)) < _SAME)
+    single = jnp.any(v.multipliers == 0, axis=-1)[:, None] & jnp.any(w.multipliers == 0, axis=-1)
+    return jnp.any(crosswise & single & (first > -jnp.inf), axis=1)

@@ -1,0 +1,192 @@
+"""Derivatives of a Hausdorff distance and of its witness, and of nearest points, in all arrays they depend on.
+
+The search is not differentiated: its answer is a function of both curves by the active system
+(jhd._distance.witness.active), and its derivatives are those of that function, in forward and reverse mode, of first
+and higher order.
+
+Where several places are equally far the derivative is that of the witness named, one of the generalized derivatives of
+the maximum. Where several feet are equally near at an end or corner of a it lies between the one-sided derivatives in
+every direction (jhd._distance.witness.multipliers). Where the distance is zero it is not differentiable, and zero is
+taken.
+"""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd._arithmetic.scaling import common_exponent, scale_of, unit_weights
+from jhd._distance.nearest.feet import is_held
+from jhd._distance.normalization.coordinates import Frame
+from jhd._distance.normalization.curves import elevation_matrix
+from jhd._distance.normalization.custom_derivatives import at_rest, attached
+from jhd._distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
+from jhd._distance.normalization.jets import jet
+from jhd._distance.normalization.pieces import Piece
+from jhd._distance.witness import active
+from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
+from jhd._runtime.arrays import is_traced
+from jhd._runtime.compiled import compiled
+from jhd._shapes.curve import BezierSegments
+
+
+class _Answer(NamedTuple):
+    """The differentiable numbers of a solution."""
+
+    value: Array
+    t: Array
+    point: Array
+    feet: Array
+    feet_params: Array
+
+
+class _Rows(NamedTuple):
+    """Control points and weights of some segments of a curve."""
+
+    points: Any
+    weights: Any
+
+
+class _Touched(NamedTuple):
+    """The rows of a curve at the segment of a witness and at the segments of both feet, whichever of them lie on it."""
+
+    carrier: _Rows
+    feet: _Rows
+
+
+def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSegments, frame: Frame) -> Any:
+    """The solution and its directions, with values and witnesses differentiable in both curves.
+
+    All lengths and places are in the user's coordinates.
+    """
+    if not is_traced(a, b):
+        return solution
+    solution = on_device(solution)
+    # Whatever is asked for: all in one, as each call under a derivative costs a millisecond.
+    each = (solution, *(solution.directions or ()))
+    return with_answers(solution, _found(tuple((s.value, s.witness) for s in each), a, b, frame))
+
+
+def moving(value: Array, witness: Witness, a: BezierSegments, b: BezierSegments, frame: Frame) -> tuple[Array, Witness]:
+    """A distance and its witness, the same numbers, as functions of both curves; in the user's coordinates."""
+    value, *places = _found(((value, witness),), a, b, frame)[0]
+    return value, replace(witness, **dict(zip(_Answer._fields[1:], places, strict=True)))
+
+
+def _found(
+    given: tuple[tuple[Array, Witness], ...], a: BezierSegments, b: BezierSegments, frame: Frame
+) -> tuple[_Answer, ...]:
+    """The answers as functions of both curves."""
+    answers = tuple(_Answer(value, w.t, w.point, w.feet, w.feet_params) for value, w in given)
+    parts = tuple(
+        tuple(_Touched(_rows(curve, w.element), _rows(curve, w.feet_elements)) for curve in (a, b)) for _, w in given
+    )
+    return following(_moving, answers, parts, (tuple(w for _, w in given), frame))
+
+
+def _rows(curve: BezierSegments, segments: Array) -> _Rows:
+    weights = None if curve.weights is None else TouchedRows(curve.weights, segments)
+    return _Rows(TouchedRows(curve.control_points, segments), weights)
+
+
+def _moving(rows: tuple[tuple[_Touched, _Touched], ...], constants: tuple[tuple[Witness, ...], Frame]) -> MovingNumbers:
+    """The answers as functions of the rows that they touch."""
+    witnesses, frame = constants
+    one = partial(_answer, frame)
+    if len(rows) == 1:
+        return MovingNumbers(*((x,) for x in one(rows[0], witnesses[0])))
+    # Side by side: one after the other would take as many times as long to compile.
+    found = jax.vmap(one)(*(jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each) for each in (rows, witnesses)))
+    each = [jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(len(rows))]
+    return MovingNumbers(*zip(*each, strict=True))
+
+
+def _pieces(rows: tuple[_Touched, _Touched], turned: Array, frame: Frame) -> active.Pieces:
+    """The segments of the witness and of its feet, of one degree and in common coordinates."""
+    each = [part for curve in rows for part in curve]
+    degree = max(part.points.shape[-2] for part in each) - 1
+    rational = any(part.weights is not None for part in each)
+    one = partial(_piece, degree=degree, rational=rational)
+    (a, feet_on_a), (b, feet_on_b) = ((one(*curve.carrier), jax.vmap(one)(*curve.feet)) for curve in rows)
+    first, feet = (
+        jax.tree_util.tree_map(lambda x, y: jnp.where(turned, y, x), *pair) for pair in ((a, b), (feet_on_b, feet_on_a))
+    )
+    first, feet = (piece._replace(control_points=frame.moved(piece.control_points)) for piece in (first, feet))
+    return first, *(jax.tree_util.tree_map(lambda x, k=k: x[k], feet) for k in range(2))
+
+
+def projection_with_derivatives(found: Projection, queries: Array, curve: BezierSegments) -> Projection:
+    """Nearest points, their distances and parameters differentiable in the queries and in the curve."""
+    if not is_traced(queries, curve):
+        return found
+    distance, foot, t = _feet(found, queries, curve)
+    return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
+
+
+@compiled
+def _feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Array, Array, Array]:
+    """Distances, feet and parameters as functions of the queries and the curve."""
+    exponent = common_exponent(*jax.lax.stop_gradient((queries, curve.control_points)))
+    scale, weights = scale_of(exponent, queries.dtype), curve.weights
+
+    def one(query: Array, segment: Array, t: Array) -> tuple[Array, Array, Array]:
+        own = None if weights is None else weights[segment]
+        points, own = _piece(curve.control_points[segment], own, curve.degree, own is not None)
+        piece, point = Piece(points * scale, own), query * scale
+        held, s = jax.lax.stop_gradient((is_held(point, piece, t), t))
+        # Two steps carry the first two derivatives of the parameter.
+        for _ in range(2):
+            s = active.stationary(s, point, piece, held)
+        b = jet(*piece, s)
+        c = point - b.point
+        return c @ active.direction(c, b.first, held) / scale, b.point / scale, s
+
+    batch = queries.shape[:-1]
+    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, found.segment, found.t))
+    return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
+
+
+def _piece(points: Array, weights: Array | None, degree: int, rational: bool) -> Piece:
+    """One segment, written in this degree."""
+    if not rational:
+        return Piece(_raised(points, degree), None)
+    own: Any = jnp.ones(points.shape[:-1], points.dtype) if weights is None else unit_weights(weights)
+    if degree == points.shape[0] - 1:
+        return Piece(points, own)
+    raised = _raised(own[:, None], degree)
+    return Piece(_raised(points * own[:, None], degree) / raised, raised[:, 0])
+
+
+def _raised(rows: Array, degree: int) -> Array:
+    if degree == rows.shape[0] - 1:
+        return rows
+    raising = jnp.asarray(elevation_matrix(rows.shape[0] - 1, degree), rows.dtype)
+    # Sums keep the batch axis of vmap in front, where a matrix product may move it; see jhd._distance.witness.active.
+    return jnp.sum(raising[:, :, None] * rows, axis=1)
+
+
+def _answer(frame: Frame, rows: tuple[_Touched, _Touched], w: Witness) -> tuple[_Answer, Array]:
+    """An answer by the active system of its witness, and where it has derivatives."""
+    pieces = _pieces(rows, w.direction == DIRECTIONS.b_to_a, frame)
+    start, still = jnp.append(w.t, w.feet_params), jax.lax.stop_gradient(pieces)
+    _, _, _, held, two = active.active(*still, start, w.event, w.multipliers)
+    y = active.solution(start, pieces, held, two)
+    multipliers, units = active.balance(y, active.Active(*pieces, held, two), w.multipliers)
+    value = at_rest(_value, (y, multipliers[:, None] * units), pieces)
+    point, feet = active.places(y, pieces)
+    scale = frame.scale(point.dtype)
+    # A single foot is given twice.
+    feet, params = jnp.where(two, feet, feet[0]), jnp.where(two, y[1:], y[1])
+    # At distance zero all derivatives are zero by convention; there they need not exist.
+    apart = w.event != EVENTS.coincident
+    return _Answer(value / scale, y[0], point / scale, feet / scale, params), apart
+
+
+def _value(state: tuple[Array, Array], pieces: active.Pieces) -> Array:
+    """The distance at fixed parameters, multipliers and directions to the feet."""
+    y, pulls = state
+    point, feet = active.places(y, pieces)
+    return jnp.sum(pulls * (point - feet))

@@ -1,0 +1,62 @@
+"""Where a curve begins, ends or turns: the directions in which it leaves one of its places."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd._distance.nearest.feet import stands_still
+from jhd._distance.normalization.jets import jet
+from jhd._distance.normalization.pieces import CurvePlace, piece_of
+from jhd._shapes.curve import BezierSegments
+
+# Tangents that differ by more than this angle (radians) make a joint a corner: joints that are smooth by construction
+# are off by the rounding of control points, divided by the length of the first leg.
+_CORNER = 1e-6
+# Where a segment stands still the chord to a point this far inside stands in.
+_INSIDE = 1e-4
+
+
+class Around(NamedTuple):
+    """Whether a place is a free end, whether it is a corner, and the unit vectors that lead from it along the curve.
+
+    Args:
+        end: the curve begins or ends there.
+        corner: a joint where the tangent jumps.
+        into: (2, dim) unit vectors; zero where there is no second one, and where the curve stands still.
+    """
+
+    end: Array
+    corner: Array
+    into: Array
+
+
+def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:
+    """What a place of a curve is, with `before` as of `preceding(curve.next_segment)`.
+
+    A joint without a corner is a place like any other, and so is the seam of a closed curve.
+    """
+    segment, t = at
+    first, last = t <= 0, t >= 1
+    neighbor = jnp.where(last, curve.next_segment[segment], jnp.where(first, before[segment], segment))
+    beyond = jnp.where(last, 0.0, jnp.where(first, 1.0, t))
+    own, other = jax.vmap(lambda k, t: _tangent(curve, k, t))(jnp.stack([segment, neighbor]), jnp.stack([t, beyond]))
+    border = first | last
+    end = border & (neighbor < 0)
+    # The angle between unit vectors is nearly the length of their difference.
+    corner = border & (neighbor >= 0) & (jnp.sum((own - other) ** 2) > _CORNER**2)
+    back = jnp.where(last, -own, own)
+    on = jnp.where(corner, jnp.where(last, other, -other), jnp.where(end, 0.0, -back))
+    return Around(end, corner, jnp.stack([back, on]))
+
+
+def _tangent(curve: BezierSegments, segment: Array, t: Array) -> Array:
+    """Unit tangent of a segment; at an end with zero speed that of the chord to a point a little inside."""
+    piece = piece_of(curve, segment)
+    here = jet(*piece, t)
+    inside = jet(*piece, jnp.clip(t, _INSIDE, 1 - _INSIDE)).point - here.point
+    inside = jnp.where(t >= 1, -inside, inside)
+    vector = jnp.where(stands_still(here.first, piece.control_points), inside, here.first)
+    length = jnp.sqrt(jnp.sum(vector**2))
+    return vector / jnp.where(length > 0, length, 1.0)

@@ -1,0 +1,109 @@
+"""Derivatives of distances of shapes of any two kinds, by the conditions of jhd._distance.witness.balance."""
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd._arithmetic.scaling import length
+from jhd._distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.witness.balance import CornerRows, NetRows, PointRows, Polynomial, finite, from_pair, from_place
+from jhd._distance.witness.mesh_feet import foot_on
+from jhd._distance.witness.nets import from_nets
+from jhd._distance.witness.surface_projection import distance_from_surface, distances_from_patches
+from jhd._results.solution import DIRECTIONS, HausdorffSolution, MinimumSolution, Witness
+from jhd._runtime.arrays import is_traced
+from jhd._shapes.curve import BezierSegments
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+
+
+def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> HausdorffSolution:
+    """A distance from a to b, its value, point and feet differentiable in both, twice.
+
+    Where several points are equally far, the derivative is that of the witness named: one of the generalized
+    derivatives of the maximum. At distance zero all derivatives are zero by convention.
+
+    Args:
+        solution: the distance. Its witness lies on a, or on either of two meshes or of two implicit surfaces.
+        a: points, BezierSegments, BezierPatches, an ImplicitSurface or a TriangleMesh.
+        b: likewise.
+    """
+    if not is_traced(a, b):
+        return solution
+    w, function = solution.witness, from_place
+    parts = _parts_of(a, w.element), _parts_of(b, w.feet_elements)
+    if isinstance(parts[0], PointRows) and not (isinstance(parts[1], NetRows) and parts[1].points.array.ndim == 3):
+        function = _from_point
+    if type(a) is type(b) and isinstance(a, ImplicitSurface | TriangleMesh):
+        parts, function = (parts, (_parts_of(b, w.element), _parts_of(a, w.feet_elements))), _from_either
+    found = {"value": solution.value, "point": w.point, "feet": w.feet}
+    moved = following(function, found, parts, (solution.value, w))
+    return replace(solution, value=moved["value"], witness=replace(w, point=moved["point"], feet=moved["feet"]))
+
+
+def _from_either(rows: tuple[tuple[Any, Any], tuple[Any, Any]], constants: tuple[Array, Witness]) -> MovingNumbers:
+    """The distance from a to b or from b to a, as the witness says."""
+    turned = constants[1].direction == DIRECTIONS.b_to_a
+
+    def chosen(x: Array, y: Array) -> Array:
+        shape = [max(sizes) for sizes in zip(x.shape, y.shape, strict=True)]
+        x, y = (jnp.pad(z, [(0, n - m) for n, m in zip(shape, z.shape, strict=True)]) for z in (x, y))
+        return jnp.where(turned, y, x)
+
+    return from_place(jax.tree_util.tree_map(chosen, *rows), constants)
+
+
+def _from_point(rows: tuple[PointRows, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
+    """The same from a point, whose distance and foot are those of its nearest point."""
+    (carrier, target), (found, w) = finite((rows, constants))
+    query = carrier.points[0]
+    if isinstance(target, CornerRows):
+        distance, foot, _ = foot_on(query, target.corners[0], w.feet_params[0] > 0)
+    elif isinstance(target, Polynomial):
+        box = jnp.stack([target.lower, target.upper])
+        distance, foot = (x[0] for x in distance_from_surface(query[None], w.feet[:1], target.coefficients, box))
+    elif isinstance(target, NetRows):
+        net, first = Net(target.points, target.weights), jnp.zeros(1, int)
+        distance, foot, _ = (x[0] for x in distances_from_patches(query[None], first, w.feet_params[:1], net))
+    else:
+        foot = target.points[0, 0]
+        distance = length(query - foot)
+    numbers = {"value": distance, "point": query, "feet": jnp.broadcast_to(foot, w.feet.shape)}
+    return MovingNumbers(numbers, {"value": found > 0, "point": True, "feet": True})
+
+
+def with_pair_derivatives(
+    solution: MinimumSolution, shapes: tuple[Any, ...], pieces: tuple[Any, Any], x: Any, distance: Any
+) -> MinimumSolution:
+    """A minimum distance, its value differentiable in both shapes, twice, and the nearest points of two nets.
+
+    Args:
+        solution: the distance.
+        shapes: nets or implicit surfaces.
+        pieces: those that hold the nearest points.
+        x: the coordinates of both points, one after the other.
+        distance: the value in common coordinates, see jhd._distance.witness.balance.apart.
+    """
+    if not is_traced(shapes):
+        return solution
+    found, function = {"value": solution.value}, from_pair
+    if all(isinstance(shape, Net) for shape in shapes):
+        found, function = found | {"point_a": solution.point_a, "point_b": solution.point_b}, from_nets
+    parts = _parts_of(shapes[0], pieces[0]), _parts_of(shapes[1], pieces[1])
+    return replace(solution, **following(function, found, parts, (solution, x, distance)))
+
+
+def _parts_of(shape: Any, index: Array) -> Any:
+    """The rows of a shape that one of its points, or several, hang on."""
+    if isinstance(shape, ImplicitSurface):
+        return Polynomial(TouchedRows(shape.coefficients), *map(TouchedRows, shape.bounds))
+    if isinstance(shape, TriangleMesh):
+        return CornerRows(TouchedRows(shape.vertices, index, shape.triangles))
+    if isinstance(shape, BezierSegments) and shape.degree == 0:
+        return PointRows(TouchedRows(shape.control_points, index))
+    points = shape.points if isinstance(shape, Net) else shape.control_points
+    return NetRows(TouchedRows(points, index), None if shape.weights is None else TouchedRows(shape.weights, index))

@@ -1,0 +1,232 @@
+"""The zero set of an adaptively sampled distance field as a mesh, by marching cubes on a regular grid.
+
+Only blocks of the grid that meet leaves of both signs are evaluated: everywhere else the field has one sign. The blocks
+are stored side by side in one volume, so time and memory grow with the surface and not with the grid. Blocks repeat the
+samples between them. Their vertices are merged by the grid edges on which they lie, and recomputed in full precision,
+as zeros of the field along these edges.
+
+Source: marching cubes by Lewiner et al. (2003), as implemented in scikit-image.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jhd._runtime.memory import check_memory
+from jhd._shapes.mesh import TriangleMesh
+
+# Cells along the side of a block, and samples.
+_SIDE = 8
+_WIDE = _SIDE + 1
+# Blocks along the side of the volume that marching cubes is given; single precision has 7e-6 of a cell there.
+_TILES = 12
+# Samples closer to zero than this share of a cell are moved off it for marching cubes alone, so that vertices are seen
+# to lie on an edge, and on which.
+_OFF, _NODE = 2e-3, 2e-4
+# Steps of the search for the zero on an edge after the linear guess, each with one value of the field.
+_STEPS = 2
+# Bytes for each block, as measured on forty thousand of them.
+_BYTES = 8_000
+# Pairs of a leaf and a block that are listed at once.
+_PAIRS = 1 << 20
+
+
+class Leaves(NamedTuple):
+    """Leaves with places and widths counted in finest cells, `count` of which fill the box along each axis.
+
+    Args:
+        places: their lower corners.
+        widths: of the leaves.
+        least: the smallest value at their corners.
+        most: the largest.
+        count: finest cells along each axis.
+    """
+
+    places: Int[np.ndarray, "leaves 3"]
+    widths: Int[np.ndarray, " leaves"]
+    least: Float[np.ndarray, " leaves"]
+    most: Float[np.ndarray, " leaves"]
+    count: Int[np.ndarray, "3"]
+
+
+class _Lattice(NamedTuple):
+    """A regular grid over the box: sample i lies at lower + step i, i from 0 to cells."""
+
+    lower: np.ndarray
+    step: np.ndarray
+    cells: np.ndarray
+    field: Callable[[np.ndarray], np.ndarray]
+
+    def values(self, nodes: np.ndarray) -> np.ndarray:
+        """The field at samples (..., 3), those beyond the last taken as the last."""
+        points = self.lower + self.step * np.minimum(nodes, self.cells)
+        return self.field(points.reshape(-1, 3)).reshape(nodes.shape[:-1])
+
+    def key(self, node: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        """One number for the edge from a sample along axis `kind`, or for the inside of its cell if that is 3."""
+        x, y, z = np.moveaxis(node, -1, 0)
+        return ((x * (self.cells[1] + 1) + y) * (self.cells[2] + 1) + z) * 4 + kind
+
+    def node_of(self, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What `key` was made of."""
+        rest, kind = np.divmod(key, 4)
+        rest, z = np.divmod(rest, self.cells[2] + 1)
+        return np.stack([*np.divmod(rest, self.cells[1] + 1), z], axis=-1), kind
+
+
+class _ExtractedPart(NamedTuple):
+    """Triangles of some blocks.
+
+    Args:
+        triangles: keys of their corners.
+        inner: keys of corners that are inside of cells.
+        places: where these are, counted in cells.
+    """
+
+    triangles: Int[np.ndarray, "triangles 3"]
+    inner: Int[np.ndarray, " vertices"]
+    places: Float[np.ndarray, "vertices 3"]
+
+
+def extracted(
+    leaves: Leaves,
+    lower: Float[np.ndarray, "3"],
+    upper: Float[np.ndarray, "3"],
+    resolution: int,
+    field: Callable[[np.ndarray], np.ndarray],
+) -> TriangleMesh:
+    """The mesh of the zero set.
+
+    Args:
+        leaves: those of the field.
+        lower: the lower corner of the box.
+        upper: its upper corner.
+        resolution: cells of the grid along the longest side of the box.
+        field: values at points (points, 3).
+
+    Raises:
+        ImportError: scikit-image is not installed.
+        ValueError: no cell of the grid has corners of both signs.
+        MemoryError: the mesh would take more memory than there is.
+    """
+    sides = upper - lower
+    cells = np.maximum(2, np.round(resolution * sides / np.max(sides))).astype(np.int64)
+    lattice = _Lattice(lower, sides / cells, cells, field)
+    met = _blocks(leaves, cells)
+    work = f"a mesh of resolution {resolution} would take about"
+    check_memory(_BYTES * len(met), work, "a lower resolution takes less")
+    parts = [_marched(lattice, blocks) for blocks in _batches(met)]
+    found = [part for part in parts if part is not None]
+    if not found:
+        raise ValueError(f"no zero was found with a resolution of {resolution}; try a larger one.")
+    keys, triangles = np.unique(np.concatenate([part.triangles for part in found]), return_inverse=True)
+    inner = np.concatenate([part.inner for part in found])
+    places = np.concatenate([part.places for part in found])[np.argsort(inner)]
+    node, kind = lattice.node_of(keys)
+    vertices = np.empty((len(keys), 3))
+    vertices[kind < 3] = _on_edges(lattice, node[kind < 3], kind[kind < 3])
+    vertices[kind == 3] = lower + lattice.step * places
+    return TriangleMesh(vertices, triangles.reshape(-1, 3))
+
+
+def _blocks(leaves: Leaves, cells: np.ndarray) -> Int[np.ndarray, "blocks 3"]:
+    """The blocks that touch leaves of both signs."""
+    shape = -(-cells // _SIDE)
+    marks = np.zeros((2, *shape), bool)
+    # Ends are moved by one, since samples are rounded.
+    below, above = leaves.places * cells - 1, (leaves.places + leaves.widths[:, None]) * cells + 1
+    first = np.maximum(-(-below // (_SIDE * leaves.count)) - 1, 0)
+    last = np.minimum(above // (_SIDE * leaves.count), shape - 1)
+    for mark, which in zip(marks, (leaves.most >= 0, leaves.least <= 0), strict=True):
+        for blocks in _spanned(first[which], last[which] - first[which] + 1):
+            mark[tuple(blocks.T)] = True
+    return np.argwhere(marks[0] & marks[1])
+
+
+def _spanned(first: np.ndarray, spans: np.ndarray) -> Iterator[np.ndarray]:
+    """The blocks of boxes of blocks, some boxes at a time."""
+    counts = np.prod(spans, axis=1)
+    batch = np.cumsum(counts) // _PAIRS
+    for rows in np.split(np.arange(len(counts)), np.flatnonzero(np.diff(batch)) + 1):
+        count, span = counts[rows], spans[rows]
+        owner = np.repeat(np.arange(len(rows)), count)
+        left = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+        left, z = np.divmod(left, span[owner, 2])
+        yield first[rows][owner] + np.stack([*np.divmod(left, span[owner, 1]), z], axis=1)
+
+
+def _batches(blocks: np.ndarray) -> Iterator[np.ndarray]:
+    step = _TILES**3
+    for start in range(0, len(blocks), step):
+        yield blocks[start : start + step]
+
+
+def _marched(lattice: _Lattice, blocks: np.ndarray) -> _ExtractedPart | None:
+    """The triangles of up to _TILES^3 blocks; None where there are none."""
+    try:
+        from skimage.measure import marching_cubes
+    except ImportError as error:
+        raise ImportError("to_mesh needs scikit-image: pip install jhd[mesh].") from error
+    nodes = _SIDE * blocks[:, None] + np.indices((_WIDE,) * 3).reshape(3, -1).T
+    values = _off_zero(lattice.values(nodes), float(np.max(lattice.step)))
+    # A cell is left out where the mask is false at its last corner.
+    whole = np.all((nodes > _SIDE * blocks[:, None]) & (nodes <= lattice.cells), axis=2)
+    if not np.any(values < 0) or not np.any(values > 0):
+        return None
+    try:
+        found = marching_cubes(_tiled(values, 1.0), 0.0, gradient_direction="descent", mask=_tiled(whole, False))
+    except RuntimeError:  # the signs are of different blocks
+        return None
+    tile, local = np.divmod(found[0].astype(np.float64), _WIDE)
+    tile = tile.astype(np.int64)
+    block = blocks[(tile[:, 0] * _TILES + tile[:, 1]) * _TILES + tile[:, 2]]
+    off = np.abs(local - np.round(local)) > _NODE
+    inside = np.count_nonzero(off, axis=1) > 1
+    node = _SIDE * block + np.where(off, np.floor(local), np.round(local)).astype(np.int64)
+    key = lattice.key(node, np.where(inside, 3, np.argmax(off, axis=1)))
+    return _ExtractedPart(key[found[1]], key[inside], (_SIDE * block + local)[inside])
+
+
+def _off_zero(values: np.ndarray, step: float) -> np.ndarray:
+    """The values with their signs, their sizes between bounds that keep zeros off the samples."""
+    return np.where(values < 0, -1.0, 1.0) * np.clip(np.abs(values), _OFF * step, 2 * step)
+
+
+def _tiled(rows: np.ndarray, rest: Any) -> np.ndarray:
+    """The samples of blocks (blocks, samples), side by side in one volume."""
+    volume = np.full((_TILES**3, rows.shape[1]), rest, rows.dtype)
+    volume[: len(rows)] = rows
+    side = _TILES * _WIDE
+    return volume.reshape((_TILES,) * 3 + (_WIDE,) * 3).transpose(0, 3, 1, 4, 2, 5).reshape(side, side, side)
+
+
+def _on_edges(lattice: _Lattice, node: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Zeros of the field on edges of the grid: the linear guess, then the Illinois form of regula falsi."""
+    start = lattice.lower + lattice.step * node
+    along = np.zeros(start.shape)
+    along[np.arange(len(axis)), axis] = lattice.step[axis]
+    ends, at = (np.zeros(len(node)), np.ones(len(node))), (lattice.field(start), lattice.field(start + along))
+    (low, high), (first, second) = ends, at
+    sign = np.where(first < 0, -1.0, 1.0)
+    # Outside of the bracket nothing is looked for, whatever rounding makes of a value near zero.
+    first, second = np.maximum(sign * first, 0.0), np.minimum(sign * second, 0.0)
+    for _ in range(_STEPS):
+        middle = _between(low, high, first, second)
+        value = sign * lattice.field(start + middle[:, None] * along)
+        before = value >= 0
+        low, first, second = (
+            np.where(before, middle, low),
+            np.where(before, value, first / 2),
+            np.where(before, second / 2, value),
+        )
+        high = np.where(before, high, middle)
+    return start + _between(low, high, first, second)[:, None] * along
+
+
+def _between(low: np.ndarray, high: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The zero of the line through values first >= 0 and second <= 0; the middle where both are zero."""
+    size = first - second
+    share = np.where(size > 0, first / np.where(size > 0, size, 1.0), 0.5)
+    return low + share * (high - low)

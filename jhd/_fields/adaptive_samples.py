@@ -1,0 +1,218 @@
+"""Signed distances of many points to one mesh, for a search that requests more and more of them.
+
+If every edge of a mesh is traversed equally often in both directions, its winding number is constant off the mesh. The
+signed distance then has Lipschitz constant 1. Two points with |p - q| < d(p) + d(q) are on the same side, since the
+open balls around them, which do not meet the mesh, intersect. So few winding numbers are evaluated: `spread` passes
+signs from points to their neighbors, with distances rounded down.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jhd._arithmetic.rounding import gamma
+from jhd._shapes.mesh import TriangleMesh, edges_of
+from jhd._triangles.closest_point import (
+    ClosestPoints,
+    TriangleTree,
+    barycentric_of,
+    closest_points,
+    in_unit_of,
+    nearest_triangles,
+    outward,
+    triangle_tree,
+)
+from jhd._triangles.pseudonormal import is_behind, pseudonormals
+from jhd._triangles.winding import is_inside
+
+# How nearest points of a mesh are found: as the search of jhd.published.VertexVoxels.
+Search = Callable[[np.ndarray, TriangleMesh], ClosestPoints]
+SIGNS = ("winding", "pseudonormal", "none")
+# Published averages of normals go with the published search alone.
+PUBLISHED_SIGN = "average"
+# Times that a point is moved away from the mesh, which doubles the room about it at best.
+_LIFTS = 5
+
+
+class Samples(NamedTuple):
+    """Points near a mesh with their known distances and sides.
+
+    Args:
+        distance: to the mesh, as rounded, in its unit.
+        clearance: proven lower bounds of it.
+        triangle: the nearest triangle, in the order of the tree.
+        side: 1 outside, -1 inside, 0 where that is not known yet.
+    """
+
+    distance: Float[np.ndarray, " points"]
+    clearance: Float[np.ndarray, " points"]
+    triangle: Int[np.ndarray, " points"]
+    side: Int[np.ndarray, " points"]
+
+    @property
+    def signed(self) -> Float[np.ndarray, " points"]:
+        """Signed distances, negative inside."""
+        return self.distance * self.side
+
+
+class CellNeighbors(NamedTuple):
+    """Samples about each of some points.
+
+    Args:
+        numbers: which samples.
+        points: their coordinates.
+    """
+
+    numbers: Int[np.ndarray, "points neighbors"]
+    points: Float[np.ndarray, "points neighbors 3"]
+
+
+class Surface(NamedTuple):
+    """A mesh prepared for many queries.
+
+    Args:
+        mesh: the mesh, its numbers known.
+        tree: its tree.
+        sign: one of SIGNS.
+        linked: whether the distances have no jumps: those by the winding number where it is constant off the mesh, and
+            those without a sign.
+        search: how nearest points are found; None for the exact search.
+    """
+
+    mesh: TriangleMesh
+    tree: TriangleTree
+    sign: str
+    linked: bool
+    search: Search | None = None
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The precision of the coordinates."""
+        return np.asarray(self.mesh.vertices).dtype
+
+
+def surface_of(mesh: TriangleMesh, sign: str = "winding", search: Search | None = None) -> Surface:
+    """The prepared mesh; with a search its distances are those of the search, and its signs published averages.
+
+    Raises:
+        ValueError: an unknown sign, or normals of a mesh that is not closed and consistently oriented.
+    """
+    if search is not None:
+        pseudonormals(mesh, PUBLISHED_SIGN)
+        return Surface(mesh, triangle_tree(mesh), PUBLISHED_SIGN, False, search)
+    if sign not in SIGNS:
+        raise ValueError(f"sign is {sign!r}; needs one of {', '.join(map(repr, SIGNS))}.")
+    if sign == "pseudonormal":
+        pseudonormals(mesh)
+    linked = sign == "none" or bool(np.all(edges_of(mesh).balance == 0))
+    return Surface(mesh, triangle_tree(mesh), sign, linked)
+
+
+def unsigned(
+    surface: Surface, points: Float[np.ndarray, "points 3"], near: Int[np.ndarray, " points"] | None = None
+) -> Samples:
+    """Distances; sides only where they are those of pseudonormals, or all are outside.
+
+    Args:
+        surface: the mesh.
+        points: in its unit and precision, one at least.
+        near: a near triangle for each point, in the order of the tree; else they are searched for.
+    """
+    if surface.search is not None:
+        local = surface.search(points, surface.mesh)
+        behind = is_behind(surface.mesh, points, local.triangle, local.t, surface.sign)
+        # No other point is searched for near these triangles, so they need no numbers of the tree.
+        return Samples(local.distance, local.lower, local.triangle, np.where(behind, -1, 1).astype(np.int8))
+    tree, scaled = in_unit_of(surface.tree, points)
+    found = nearest_triangles(tree, scaled, near)
+    distance = np.sqrt(found.square)
+    lower = distance.astype(np.float64) - tree.error(distance)
+    side = np.full(len(points), 1 if surface.sign == "none" else 0, np.int8)
+    if surface.sign == "pseudonormal":
+        side = np.where(_is_behind(surface.mesh, tree, scaled, found.triangle), -1, 1).astype(np.int8)
+    clearance = outward(lower, tree.exponent, points.dtype, -1)
+    return Samples(np.ldexp(distance, tree.exponent), clearance, found.triangle, side)
+
+
+def _is_behind(mesh: TriangleMesh, tree: TriangleTree, scaled: np.ndarray, near: np.ndarray) -> np.ndarray:
+    t = barycentric_of(tree, scaled, near)
+    return is_behind(mesh, np.ldexp(scaled, tree.exponent), tree.order[near], t)
+
+
+def _met(samples: Samples, others: np.ndarray, apart: np.ndarray, clearance: np.ndarray) -> np.ndarray:
+    """The side of one of `others` whose ball meets the ball of radius `clearance`, 0 where there is none."""
+    meets = _meet(apart, clearance[:, None], samples.clearance[others])
+    side = np.where(meets, samples.side[others], 0)
+    return side[np.arange(len(side)), np.argmax(np.abs(side), axis=1)]
+
+
+def spread(samples: Samples, who: np.ndarray, others: np.ndarray, apart: np.ndarray) -> None:
+    """Hands sides that are known to points whose side is not, in place."""
+    found = _met(samples, others, apart, samples.clearance[who])
+    samples.side[who[found != 0]] = found[found != 0]
+
+
+def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray, others: CellNeighbors) -> None:
+    """Hands sides to points close to the mesh, in place.
+
+    They are moved away from it, inside the balls about them, until a ball meets that of a neighbor.
+    """
+    left = np.arange(len(who))
+    for _ in range(_LIFTS):
+        if not len(left):
+            return
+        found = closest_points(surface.mesh, points[left])
+        away = np.linalg.norm(points[left, None] - others.points[left], axis=2)
+        side = _met(samples, others.numbers[left], away, found.lower)
+        samples.side[who[left]] = side
+        points[left] += 0.95 * found.lower[:, None] * _directions(points[left] - found.foot)
+        left = left[side == 0]
+
+
+def decide(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray) -> None:
+    """Gives sides by the winding number to those that have none, in place."""
+    left = np.flatnonzero(samples.side[who] == 0)
+    if len(left):
+        found = closest_points(surface.mesh, points[left]) if surface.linked else None
+        samples.side[who[left]] = np.where(is_inside(surface.mesh, points[left], found), -1, 1)
+
+
+def is_inner(
+    surface: Surface, points: np.ndarray, found: ClosestPoints, reach: np.ndarray
+) -> Bool[np.ndarray, " points"]:
+    """Whether points are inside by the winding number; as jhd._triangles.winding.is_inside, and faster near the mesh.
+
+    Without a sign all are outside.
+
+    Points close to the mesh are asked for where they have been moved away from it, where they are proven to stay on
+    their side: balls with more room meet more often, so fewer winding numbers are evaluated.
+    """
+    if surface.sign == "none":
+        return np.zeros(len(points), bool)
+    near = np.flatnonzero((found.lower < 0.5 * reach) & (found.lower > 0))
+    if not (surface.linked and len(near)):
+        return is_inside(surface.mesh, points, found)
+    moved = points[near] + reach[near, None] * _directions(points[near] - found.foot[near])
+    there = closest_points(surface.mesh, moved.astype(points.dtype))
+    apart = np.linalg.norm(moved.astype(points.dtype).astype(np.float64) - points[near], axis=1)
+    # Points that may be on the mesh would be called outside.
+    meets = _meet(apart, found.lower[near], there.lower) & (there.lower > 0)
+    asked, room = points.copy(), ClosestPoints(*(x.copy() for x in found))
+    asked[near[meets]] = moved[meets]
+    for old, new in zip(room, there, strict=True):
+        old[near[meets]] = new[meets]
+    return is_inside(surface.mesh, asked, room)
+
+
+def _directions(steps: np.ndarray) -> np.ndarray:
+    """Vectors of at most unit length along others, zero where these are."""
+    size = np.max(np.abs(steps), axis=1, keepdims=True)
+    steps = steps / np.where(size > 0, size, 1.0)
+    return steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1.0)
+
+
+def _meet(apart: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Whether balls of these radii meet, whatever rounding does."""
+    return apart * (1 + gamma(16, one.dtype)) < (one + other) * (1 - gamma(4, one.dtype))

@@ -1,0 +1,68 @@
+"""From a far start towards the least Hausdorff distance: smooth losses first, with a temperature that falls.
+
+At each temperature steps of BFGS lower `soft_hausdorff`, whose gradient is dense; from where they end the next, colder
+one goes on. What is found is a start for a minimax fit, which needs no temperature.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from jhd._distance.statistics.statistics import AbstractStatistic, MaxDistance
+from jhd._fitting.clock import Clock
+from jhd._fitting.descent import descend
+from jhd._fitting.soft import soft_hausdorff
+from jhd._runtime.arrays import check_scalar, real_array
+from jhd._shapes.checks import Numbers
+from jhd._shapes.curve import check_curve
+
+# Each temperature is this share of the one before, so many in all: the last is a fiftieth of the first.
+_COOLING, _TEMPERATURES = 0.27, 4
+# Steps at each.
+_STEPS = 15
+
+
+def annealing(
+    temperature: Numbers | None,
+    statistic: AbstractStatistic | None,
+    build: Callable[[Any], Any],
+    target: Any,
+    scales: Callable[[Any], Any],
+    clock: Clock,
+) -> Callable[[Any], Any]:
+    """From parameters, a vector, to those from which a fit of build(parameters) to the target goes on.
+
+    Args:
+        temperature: the first one, a length; None leaves the parameters as they are.
+        statistic: what the fit makes least.
+        build: from a vector to a curve.
+        target: a curve.
+        scales: of parameters, the change of each that moves the curve by about one unit of length.
+        clock: ends it.
+
+    Raises:
+        TypeError: a target that is no curve.
+        ValueError: another statistic than the Hausdorff distance, or a temperature that is no positive length.
+    """
+    if temperature is None:
+        return lambda parameters: parameters
+    if statistic is not None and statistic != MaxDistance():
+        name = type(statistic).__name__
+        raise ValueError(f"temperature is given with the statistic {name}; it is for the Hausdorff distance only.")
+    check_curve("target", target)
+    heat = real_array("temperature", temperature)
+    check_scalar("temperature", heat, positive=True)
+    low, high = (np.asarray(end) for end in target.bounds)
+    size = float(np.max(high - low)) or 1.0
+
+    def annealed(parameters: Any) -> Any:
+        for warmth in float(heat) * _COOLING ** np.arange(_TEMPERATURES):
+            if clock.is_over():
+                break
+            loss = lambda p, warmth=warmth: soft_hausdorff(target, build(p), warmth)  # noqa: E731
+            scale = scales(parameters)
+            parameters = descend(loss, parameters, scale, size, _STEPS, 0.0, clock, lambda *_: None).point.parameters
+        return parameters
+
+    return annealed

@@ -1,0 +1,211 @@
+"""Minimizing a Hausdorff distance of which only the largest maximum of each direction is known: a bundle method.
+
+Each evaluation gives two cuts, the value and the gradient of both directed distances. The cuts of all places nearby
+make a piecewise linear model, whose least point within a trust region is tried next. One gradient alone says little at
+the optimum, where several maxima are equal; a convex combination of those nearby vanishes there.
+
+Source: bundle methods with trust regions are in Kiwiel, Methods of Descent for Nondifferentiable Optimization (1985).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jhd._distance.hausdorff import directed_hausdorff
+from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._fields.octree import voxelize
+from jhd._fitting.clock import Clock, OutOfTimeError
+from jhd._fitting.subproblem import model_step, multipliers
+from jhd._results.solution import RESULTS, HausdorffSolution
+from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.mesh import TriangleMesh
+
+Target = ImplicitSurface | TriangleMesh
+
+# Bounds of an evaluation, relative to the distance.
+_ACCURACY = 1e-6
+# First radius: this share of the size, or so many times the distance where that is less; the last one, as a share.
+_RADIUS, _DISTANCES, _LEAST = 0.1, 3.0, 1e-6
+# A step is taken from this share of the promised gain on; the cuts that count lie within so many radii of the place; a
+# radius grows by this factor after a step that was taken.
+_TAKEN, _NEARBY, _AROUND, _GROWTH = 0.1, 3.0, 30.0, 2.0
+# Promised gains below this share of the distance are none; they are of the order of what evaluations leave open.
+_NO_GAIN = 4 * _ACCURACY
+# Gradients that cancel to this share of the longest belong to a stationary point.
+STATIONARY = 0.05
+# Most cuts of a model; the latest ones count.
+_CUTS = 80
+# Cells along each axis whose centers tell how far parameters move a surface, and most numbers for that of a mesh.
+_CELLS, _NUMBERS = 16, 10_000_000
+
+
+class Cut(NamedTuple):
+    """A directed distance at a place, to first order."""
+
+    parameters: Any
+    value: float
+    gradient: Any
+
+
+class Evaluated(NamedTuple):
+    """A place, its shape, both directed distances, and the larger one."""
+
+    parameters: Any
+    shape: Target
+    solutions: tuple[HausdorffSolution, HausdorffSolution]
+    cuts: tuple[Cut, Cut]
+
+    @property
+    def value(self) -> float:
+        """The Hausdorff distance."""
+        return max(cut.value for cut in self.cuts)
+
+
+class Bundled(NamedTuple):
+    """The end of an iteration; multipliers are those of both directions."""
+
+    point: Evaluated
+    optimality: float
+    multipliers: Any
+    result: Any
+    counts: dict[str, int]
+    history: list[float]
+
+
+class _Model(NamedTuple):
+    """Cuts about a place: their heights there, none above the distance, and their gradients."""
+
+    height: Any
+    gradient: Any
+
+
+def minimize_by_cuts(
+    build: Callable[[Any], Target],
+    target: Target,
+    parameters: Any,
+    max_steps: int,
+    stop_below: float,
+    report: Callable[[int, float, float], object],
+    clock: Clock,
+) -> Bundled:
+    """Steps from the parameters until no cut promises a gain, the distance is below stop_below, or the radius vanishes.
+
+    Args:
+        build: from a vector of parameters to a surface or mesh.
+        target: the shape to be near to.
+        parameters: the start, a vector.
+        max_steps: most evaluations after the first one.
+        stop_below: a distance that is good enough.
+        report: called with step, distance and optimality.
+        clock: ends it.
+    """
+    low, high = target.bounds
+    size = float(np.max(np.asarray(high) - np.asarray(low)))
+    point = evaluated(build, target, parameters)
+    scale = motions(build, parameters)
+    cuts, history, steps, late = list(point.cuts), [point.value], 0, False
+    radius = largest = min(_RADIUS * size, _DISTANCES * point.value)
+    result, optimality, mu = RESULTS.fit_steps_exhausted, *_stationarity(point, cuts, scale, radius)
+    report(0, point.value, optimality)
+    for step in range(max_steps):
+        if point.value <= stop_below or radius < _LEAST * size:
+            break
+        model = _model(point, cuts, scale, radius)
+        slopes = model.gradient * scale
+        straight = np.zeros((1, 0, slopes.shape[1]))
+        move = model_step(model.height, slopes, straight, np.full(len(scale), radius))
+        promised = point.value - float(np.max(model.height + slopes @ move))
+        if promised <= _NO_GAIN * point.value:
+            radius = 0.25 * radius
+            continue
+        try:
+            clock.check()
+            tried = evaluated(build, target, point.parameters + scale * move, clock)
+        except OutOfTimeError:
+            late = True
+            break
+        cuts, steps = [*cuts, *tried.cuts][-_CUTS:], steps + 1
+        if point.value - tried.value >= _TAKEN * promised:
+            point, radius = tried, min(largest, _GROWTH * radius)
+        else:
+            radius = 0.5 * float(np.max(np.abs(move)))
+        optimality, mu = _stationarity(point, cuts, scale, radius)
+        history.append(point.value)
+        report(step + 1, point.value, optimality)
+    else:
+        radius = np.inf
+    if point.value <= stop_below or optimality <= STATIONARY * max(np.linalg.norm(x.gradient) for x in point.cuts):
+        result = RESULTS.successful
+    elif late:
+        result = RESULTS.fit_out_of_time
+    elif radius < np.inf:
+        result = RESULTS.fit_nonsmooth_stall
+    counts = {"steps": int(np.sum(np.diff(history) < 0)), "evaluations": steps + 1}
+    return Bundled(point, optimality, mu, result, counts, history)
+
+
+def evaluated(build: Callable[[Any], Target], target: Target, parameters: Any, clock: Clock | None = None) -> Evaluated:
+    """Both directed distances at the parameters, with their gradients; a clock ends the search when the time is up."""
+    method, heard = BranchAndBound(rtol=_ACCURACY), None if clock is None else clock.heard
+
+    def distances(p: Any) -> tuple[Any, Any]:
+        shape = build(p)
+        pairs = (target, shape), (shape, target)
+        found = tuple(directed_hausdorff(*pair, method, throw=False, progress=heard) for pair in pairs)
+        return tuple(solution.value for solution in found), found
+
+    values, back, found = jax.vjp(distances, jnp.asarray(parameters), has_aux=True)
+    ones = np.eye(2)
+    gradients = [
+        np.asarray(back(tuple(jnp.asarray(x, v.dtype) for x, v in zip(row, values, strict=True)))[0]) for row in ones
+    ]
+    first, second = (Cut(parameters, float(v), g) for v, g in zip(values, gradients, strict=True))
+    return Evaluated(parameters, build(jnp.asarray(parameters)), jax.lax.stop_gradient(found), (first, second))
+
+
+def _model(point: Evaluated, cuts: list[Cut], scale: Any, radius: float) -> _Model:
+    """The cuts nearby; one that lies above the distance here, which is not convex, is lowered to it."""
+    others = [cut for cut in cuts if cut.parameters is not point.parameters]
+    apart = np.array([np.max(np.abs((cut.parameters - point.parameters) / scale)) for cut in others])
+    # A gradient vanishes in a combination of one more than there are parameters.
+    count = max(
+        int(np.sum(apart <= _NEARBY * radius)), min(2 * (len(scale) + 1), int(np.sum(apart <= _AROUND * radius)))
+    )
+    near = [*point.cuts, *(others[k] for k in np.argsort(apart, kind="stable")[:count])]
+    gradient = np.array([cut.gradient for cut in near])
+    height = np.array([cut.value + cut.gradient @ (point.parameters - cut.parameters) for cut in near])
+    return _Model(np.minimum(height, point.value), gradient)
+
+
+def _stationarity(point: Evaluated, cuts: list[Cut], scale: Any, radius: float) -> tuple[float, Any]:
+    """The length of the best convex combination of gradients nearby, and the shares of both directions here."""
+    model = _model(point, cuts, scale, radius)
+    price = 10 * (point.value - model.height) / (point.value or 1.0)
+    mu = multipliers(model.gradient * scale, price)
+    prices = 10 * (point.value - np.array([cut.value for cut in point.cuts])) / (point.value or 1.0)
+    best = multipliers(np.array([cut.gradient for cut in point.cuts]) * scale, prices)
+    return float(np.linalg.norm(mu @ model.gradient)), best
+
+
+def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
+    """The change of each parameter that moves what it moves of the shape by about one unit of length."""
+    start = jnp.asarray(parameters)
+    shape = build(start)
+    if not isinstance(shape, Target):
+        raise TypeError(f"build must return an ImplicitSurface or a TriangleMesh; got {type(shape).__name__}.")
+    if isinstance(shape, TriangleMesh):
+        if shape.vertices.size * start.size > _NUMBERS:
+            return np.ones(start.size)
+        slopes = np.asarray(jax.jacfwd(lambda p: build(p).vertices)(start))  # pyright: ignore[reportAttributeAccessIssue]
+        moved = np.linalg.norm(slopes.reshape(-1, 3, start.size), axis=1)
+    else:
+        cells = voxelize(shape, _CELLS)
+        places = cells.lower + (np.asarray(cells.cells) + 0.5) * cells.spacing
+        steep = np.linalg.norm(np.asarray(shape.gradient(places)), axis=-1)
+        values = np.asarray(jax.jacfwd(lambda p: build(p)(places))(start))  # pyright: ignore[reportCallIssue]
+        moved = np.abs(values[steep > 0]) / steep[steep > 0, None]
+    typical = [np.median(column[column > 0]) if np.any(column > 0) else 1.0 for column in moved.T]
+    return 1 / np.array(typical)

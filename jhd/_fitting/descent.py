@@ -1,0 +1,136 @@
+"""Minimizing a mean or a quantile of distances: steps of BFGS, which bear the kinks where feet change places.
+
+Source: Lewis & Overton, Nonsmooth Optimization via Quasi-Newton Methods (2013): the line search asks for a sufficient
+gain and a flatter slope alone, by halving and doubling.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jhd._fitting.clock import Clock, OutOfTimeError
+from jhd._results.solution import RESULTS
+
+# A step gains this share of what the slope promises, and leaves at most this share of the slope.
+_GAIN, _SLOPE = 1e-4, 0.9
+# First step as a share of the size; halvings and doublings of one step at most.
+_FIRST, _SEARCHED = 0.02, 25
+# Steps that gain less than this share of the value, so many in a row, end it.
+_LEAST, _IN_A_ROW = 1e-9, 3
+# A value of so many roundings of the size is none: what is left of the distances of a copy has no slope.
+_ROUNDINGS = 64
+# A gradient this much shorter than the first one is none.
+_STATIONARY = 1e-9
+
+
+class Lowered(NamedTuple):
+    """A place, its value and gradient, in the parameters."""
+
+    parameters: Any
+    value: float
+    gradient: Any
+
+
+class Descended(NamedTuple):
+    """The end of an iteration."""
+
+    point: Lowered
+    result: Any
+    counts: dict[str, int]
+    history: list[float]
+
+
+def descend(
+    function: Callable[[Any], Any],
+    parameters: Any,
+    scale: Any,
+    size: float,
+    max_steps: int,
+    stop_below: float,
+    clock: Clock,
+    report: Callable[[int, float, float], object],
+) -> Descended:
+    """Steps from the parameters until the value is stationary, below stop_below, or nothing is gained.
+
+    Args:
+        function: of a vector, differentiable, not under jit.
+        parameters: the start, a vector.
+        scale: the change of each parameter that moves the shape by about one unit of length.
+        size: of the shapes, in that unit.
+        max_steps: most steps.
+        stop_below: a value that is good enough.
+        clock: ends it.
+        report: called with step, value and length of the gradient.
+    """
+    counts = {"steps": 0, "newton_steps": 0, "evaluations": 0}
+    evaluate = jax.value_and_grad(function)
+
+    def at(place: Any) -> Lowered:
+        if counts["evaluations"]:
+            clock.check()
+        counts["evaluations"] += 1
+        value, gradient = evaluate(jnp.asarray(place))
+        return Lowered(place, float(value), np.asarray(gradient))
+
+    point = at(np.asarray(parameters))
+    history, small, result = [point.value], 0, RESULTS.fit_steps_exhausted
+    enough = max(stop_below, _ROUNDINGS * float(np.finfo(point.gradient.dtype).eps) * size)
+    slope = point.gradient * scale
+    first = float(np.linalg.norm(slope))
+    # Of the inverse of the second derivatives, in scaled parameters.
+    inverse = np.eye(len(slope)) * (_FIRST * size / (np.max(np.abs(slope)) or 1.0))
+    report(0, point.value, float(np.linalg.norm(point.gradient)))
+    try:
+        while counts["steps"] < max_steps:
+            slope = point.gradient * scale
+            if point.value <= enough or small >= _IN_A_ROW or np.linalg.norm(slope) <= _STATIONARY * first:
+                result = RESULTS.successful
+                break
+            moved = _searched(at, point, scale, -inverse @ slope)
+            if moved is None:
+                result = RESULTS.fit_nonsmooth_stall
+                break
+            step, change = (moved.parameters - point.parameters) / scale, (moved.gradient - point.gradient) * scale
+            inverse = _updated(inverse, step, change, counts["steps"] == 0)
+            small = small + 1 if point.value - moved.value <= _LEAST * point.value else 0
+            point = moved
+            counts["steps"] += 1
+            history.append(point.value)
+            report(counts["steps"], point.value, float(np.linalg.norm(point.gradient)))
+    except OutOfTimeError:
+        result = RESULTS.fit_out_of_time
+    return Descended(point, result, counts, history)
+
+
+def _searched(at: Callable[[Any], Lowered], point: Lowered, scale: Any, direction: Any) -> Lowered | None:
+    """A place along the direction, in scaled parameters, with a sufficient gain and, if it can be, a flatter slope."""
+    slope = float(direction @ (point.gradient * scale))
+    if not slope < 0:
+        return None
+    share, low, high, best = 1.0, 0.0, np.inf, None
+    for _ in range(_SEARCHED):
+        moved = at(point.parameters + share * scale * direction)
+        if not moved.value <= point.value + _GAIN * share * slope:
+            high = share
+        else:
+            best = moved
+            if float(direction @ (moved.gradient * scale)) >= _SLOPE * slope:
+                break
+            low = share
+        share = 2 * share if np.isinf(high) else 0.5 * (low + high)
+        if high - low <= 1e-12 * high:
+            break
+    return best
+
+
+def _updated(inverse: Any, step: Any, change: Any, first: bool) -> Any:
+    along = float(step @ change)
+    if not along > 0:
+        return inverse
+    if first:
+        inverse = np.eye(len(step)) * along / float(change @ change)
+    left = np.eye(len(step)) - np.outer(step, change) / along
+    return left @ inverse @ left.T + np.outer(step, step) / along

@@ -1,0 +1,142 @@
+"""Proven bounds of the Hausdorff distance of two curves in NumPy, for ends of fits that no program is at hand for.
+
+A piece of one curve lies in the hull of its control points, and the distance to any point y of the other curve is
+convex, so it is at most the largest of the control points' distances from y, here a foot of the middle: of second order
+in the length of the piece where the distance is largest. Pieces above what is known of the least are halved. From below
+it is a point's distance from the balls about the pieces of the other curve that control points lie in.
+
+The programs of `hausdorff` are faster and close the gap; they take half a minute of a slow processor to compile.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd._arithmetic.rounding import unit_roundoff
+from jhd._fitting.clock import Clock
+from jhd._fitting.sampled import SampledCurve, lengths_of
+from jhd._shapes.curve import BezierSegments
+
+# Pieces at which a curve is no longer halved, and most halvings of one: parameters need the digits.
+_PIECES, _HALVINGS = 1 << 15, 30
+# Halvings that are done whatever the time: some milliseconds each.
+_LEAST = 8
+# The gap that is good enough, as a share of the upper bound.
+_CLOSED = 1e-6
+# Samples that feet are looked for among.
+_SAMPLES = 1 << 13
+# Sizes whose squares are normal numbers, with room for shares of them; others get no bounds.
+_SMALLEST, _LARGEST = 1e-100, 1e100
+# Roundings of a control point by one halving, for each degree, and of a distance in the plane or in space.
+_HALVED, _MEASURED = 4, 16
+
+FloatArray = Any
+
+
+class HostBounds(NamedTuple):
+    """lower <= exact <= upper."""
+
+    lower: float
+    upper: float
+
+
+class _HullPieces(NamedTuple):
+    """Parts of a curve: homogeneous control points (pieces, points, width), and the depth of the halvings."""
+
+    points: FloatArray
+    depth: int
+
+    def halved(self) -> "_HullPieces":
+        left, right, row = [self.points[:, 0]], [self.points[:, -1]], self.points
+        while row.shape[1] > 1:
+            row = 0.5 * (row[:, :-1] + row[:, 1:])
+            left.append(row[:, 0])
+            right.append(row[:, -1])
+        both = np.stack([np.stack(left, axis=1), np.stack(right[::-1], axis=1)], axis=1)
+        return _HullPieces(both.reshape(-1, *self.points.shape[1:]), self.depth + 1)
+
+
+class _Hulled:
+    """A curve whose pieces are looked at; rounding is bounded by what its numbers are at most."""
+
+    def __init__(self, segments: BezierSegments):
+        self.points, self.rational = np.asarray(segments.homogeneous, dtype=float), segments.weights is not None
+        self._following = np.asarray(segments.next_segment)
+        weights = self.points[..., -1] if self.rational else np.ones(1)
+        self.largest = float(np.max(np.abs(self.points)) / np.min(weights))
+        if self.rational:
+            # A quotient is off by what its denominator is.
+            self.largest *= 2 * float(np.max(weights) / np.min(weights))
+
+    @cached_property
+    def sampled(self) -> SampledCurve:
+        """The curve with samples that feet are looked for among."""
+        length = float(np.sum(lengths_of(self.points, self.rational)))
+        spacing = length / _SAMPLES if length > 0 else 1.0
+        return SampledCurve(self.points, self._following, self.rational, spacing)
+
+    def affine(self, points: FloatArray) -> FloatArray:
+        """Points of homogeneous ones."""
+        return points[..., :-1] / points[..., -1:] if self.rational else points
+
+    def off(self, depth: int) -> float:
+        """What rounding may have moved control points by, after so many halvings."""
+        return _HALVED * (depth + 2) * (self.points.shape[1] + 1) * unit_roundoff(float) * self.largest
+
+
+def host_bounds(a: BezierSegments, b: BezierSegments, clock: Clock) -> HostBounds:
+    """Bounds of the Hausdorff distance of two curves, as near to each other as the time of the proof allows."""
+    first, second = _Hulled(a), _Hulled(b)
+    if not _SMALLEST < max(first.largest, second.largest) < _LARGEST:
+        return HostBounds(0.0, np.inf)
+    there, back = _directed(first, second, clock), _directed(second, first, clock)
+    return HostBounds(max(there.lower, back.lower), max(there.upper, back.upper))
+
+
+def _directed(a: _Hulled, b: _Hulled, clock: Clock) -> HostBounds:
+    """Bounds of the distance from a to b."""
+    pieces, lower, settled = _HullPieces(a.points, 0), 0.0, 0.0
+    while True:
+        # The middle of the segment from the first to the last control point is near the piece; feet may be any.
+        hull = a.affine(pieces.points)
+        middle = 0.5 * (hull[:, 0] + hull[:, -1])
+        feet = b.sampled.feet(middle).point
+        off = a.off(pieces.depth) + b.off(0)
+        rounded = 1 + _MEASURED * unit_roundoff(float)
+        above = np.max(_distance(hull, feet[:, None]), axis=1) * rounded + off
+        far = int(np.argmax(np.max(_distance(hull[:, [0, -1]], feet[:, None]), axis=1)))
+        end = max((hull[far, k] for k in (0, -1)), key=lambda x: float(_distance(x, feet[far])))
+        lower = max(lower, _from_balls(end, b) - a.off(pieces.depth))
+        # What is below may stay as it is.
+        wanted = above > lower * (1 + _CLOSED)
+        settled = max(settled, float(np.max(above[~wanted], initial=0.0)))
+        count = int(np.sum(wanted))
+        ended = pieces.depth >= _LEAST and clock.is_closed()
+        if count == 0 or 2 * count > _PIECES or pieces.depth >= _HALVINGS or ended:
+            return HostBounds(lower, max(settled, float(np.max(above[wanted], initial=0.0))))
+        pieces = _HullPieces(pieces.points[wanted], pieces.depth).halved()
+
+
+def _from_balls(point: FloatArray, b: _Hulled) -> float:
+    """What the point is away from b at least."""
+    pieces, nearest = _HullPieces(b.points, 0), np.inf
+    while True:
+        hull = b.affine(pieces.points)
+        center = 0.5 * (hull[:, 0] + hull[:, -1])
+        radius = np.max(_distance(hull, center[:, None]), axis=1)
+        away, off = _distance(center, point), b.off(pieces.depth)
+        below = away - radius - _MEASURED * unit_roundoff(float) * (away + radius) - off
+        nearest = min(nearest, float(np.min(_distance(hull[:, [0, -1]], point))))
+        least = float(np.min(below))
+        if nearest - least <= _CLOSED * _CLOSED * nearest or pieces.depth >= _HALVINGS:
+            return max(least, 0.0)
+        # The piece with the least bound is one of those that are halved.
+        near = below <= nearest + off
+        if 2 * np.sum(near) > _PIECES:
+            return max(least, 0.0)
+        pieces = _HullPieces(pieces.points[near], pieces.depth).halved()
+
+
+def _distance(x: FloatArray, y: FloatArray) -> FloatArray:
+    return np.sqrt(np.sum((x - y) ** 2, axis=-1))

@@ -1,0 +1,233 @@
+"""Minimizing the largest of all critical pairs: a trust region with a quadratic model of each, then Newton's method.
+
+A step minimizes max_i h_i + g_i d + d H_i d / 2 in a box, over the maxima of both directions, with the convex parts of
+their Hessians; a step is taken where the true maximum falls. Near the end Newton's method on the optimality system of
+the active pairs, h_j = z, sum mu_j g_j = 0, sum mu_j = 1, converges quadratically; its step is taken where the true
+maximum does not rise. Parameters are scaled so that each moves the control points by about as much.
+
+Source: trust regions for minimax problems are in Conn, Gould & Toint, Trust-Region Methods (2000), chapter 11.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd._fitting.clock import OutOfTimeError
+from jhd._fitting.expansion import FloatArray, roots
+from jhd._fitting.problem import Point, Problem
+from jhd._fitting.subproblem import model_step, multipliers
+from jhd._results.solution import RESULTS
+
+# Pairs are active within this share of the largest, or what rounding leaves of the size.
+_ACTIVE, _ROUNDING = 1e-8, 4e-16
+# A stationary point, and the residual at which no further step is tried.
+STATIONARY, _CONVERGED = 1e-8, 1e-13
+# First radius: this share of the size, or so many times the distance where that is less.
+_RADIUS, _DISTANCES = 0.1, 30.0
+# A step is taken from this share of the predicted gain on.
+_TAKEN = 0.02
+# Radii of parameters that no offending pair depends on grow, others shrink.
+_GROWTH, _SHRINKAGE = 2.5, 0.3
+# Share of the last gain that keeping parameters where they are is worth; scaled slopes below this one are none.
+_LAZY, _TOUCHED = 0.1, 1e-6
+# Models are solved to this share of the last gain, and to this share of the distance at least.
+_SHARE, _ROUGH = 1e-4, 1e-6
+# Attempts at a step with smaller radii before the fit gives up.
+_ATTEMPTS = 12
+# Newton's method is tried where the last step gained less than this share; it may move by this share of the size.
+_NEAR, _FAR = 0.3, 0.05
+# Newton's method needs the best combination of the gradients to be below this share of the longest.
+_CANCELED = 0.1
+# Steps that gain less than this share are tried twice as long, and given up where the distance grows by so much.
+_CREEPING, _ASTRAY = 0.05, 1.5
+# A valley: so many steps in a row, each gaining less than this share.
+_VALLEY_STEPS, _VALLEY = 10, 1e-3
+# A fit of curves of many segments ends where so many steps together gain less than that share.
+_SETTLED = 4
+
+
+class Ended(NamedTuple):
+    """The end of an iteration."""
+
+    point: Point
+    multipliers: FloatArray
+    optimality: float
+    result: Any
+    counts: dict[str, int]
+    history: list[float]
+
+
+def slack(point: Point) -> float:
+    """How far below the largest a pair may be to be active."""
+    return max(_ACTIVE * point.top, _ROUNDING * point.size)
+
+
+def stationarity(point: Point) -> tuple[FloatArray, float]:
+    """Multipliers of all pairs, zero off the active ones, and the length of the sum that they make least."""
+    h, g = point.expansion.value, point.expansion.gradient
+    mu = np.zeros(len(h))
+    if not len(h):
+        return mu, 0.0
+    active = h >= point.top - slack(point)
+    mu[active] = multipliers(g[active], np.zeros(np.sum(active)))
+    return mu, float(np.linalg.norm(mu @ g))
+
+
+def minimize(
+    problem: Problem,
+    parameters: FloatArray,
+    max_steps: int,
+    stop_below: float,
+    report: Callable[[int, float, float], object],
+) -> Ended:
+    """Steps from the parameters until they are stationary, the distance is below stop_below, or nothing is gained."""
+    point = problem.at(parameters)
+    scale = problem.scales(parameters)
+    radius = np.full(len(scale), min(_RADIUS * point.size, _DISTANCES * point.top))
+    stride, history, creeping, result = np.zeros_like(scale), [point.top], 0, RESULTS.fit_steps_exhausted
+    mu, residual = stationarity(point)
+    report(0, point.top, residual)
+    for step in range(max_steps + 1):
+        if point.top <= max(stop_below, _ROUNDING * point.size) or residual <= _CONVERGED or step == max_steps:
+            break
+        last = history[-2] - point.top if len(history) > 1 else point.top
+        try:
+            moved, radius, stride, result = _step(problem, point, scale, radius, stride, last)
+        except OutOfTimeError:
+            result = RESULTS.fit_out_of_time
+            break
+        if moved is None:
+            break
+        gain, point = point.top - moved.top, moved
+        before, (mu, residual) = residual, stationarity(point)
+        history.append(point.top)
+        report(step + 1, point.top, residual)
+        problem.counts["steps"] += 1
+        creeping = creeping + 1 if gain < _VALLEY * point.top else 0
+        result = RESULTS.fit_slow_progress if creeping >= _VALLEY_STEPS else RESULTS.fit_steps_exhausted
+        if gain <= _ROUNDING * point.size and residual <= STATIONARY and residual >= 0.1 * before:
+            break
+        if point.many and len(history) > _SETTLED and history[-1 - _SETTLED] - point.top < _VALLEY * point.top:
+            result = RESULTS.fit_slow_progress
+            break
+    if residual <= STATIONARY or point.top <= max(stop_below, _ROUNDING * point.size):
+        result = RESULTS.successful
+    return Ended(point, mu, residual, result, problem.counts, history)
+
+
+def _step(
+    problem: Problem, point: Point, scale: FloatArray, radius: FloatArray, stride: FloatArray, last: float
+) -> tuple[Point | None, FloatArray, FloatArray, Any]:
+    """The next point, radii and stride, and why there is none."""
+    moved, result = _newton(problem, point, scale) if last < _NEAR * point.top else None, RESULTS.successful
+    if moved is not None:
+        radius = np.maximum(radius, 4 * _length((moved.parameters - point.parameters) / scale))
+        problem.counts["newton_steps"] += 1
+    else:
+        moved, radius, result = _trusted_step(problem, point, scale, radius, last)
+    if moved is not None and point.top - moved.top < _CREEPING * point.top:
+        # Along a valley the next steps would be alike: as far again as this one and the last led.
+        further = _further(problem, moved, stride + moved.parameters - point.parameters, scale, radius)
+        stride = further.parameters - point.parameters if further is not moved else np.zeros_like(scale)
+        moved = further
+    return moved, radius, stride, result
+
+
+def _priced(point: Point, scale: FloatArray) -> FloatArray:
+    """Multipliers over all pairs, those below the top at a price."""
+    h = point.expansion.value
+    return multipliers(point.expansion.gradient * scale, 10 * (point.top - h) / point.top)
+
+
+def _trusted_step(
+    problem: Problem, point: Point, scale: FloatArray, radius: FloatArray, last: float
+) -> tuple[Point | None, FloatArray, Any]:
+    """A step that lowers the largest distance, the next radii, and why there is none.
+
+    Each parameter has a radius of its own: where a step fails, those shrink that the offending pairs depend on.
+    """
+    h, g = point.expansion.value, point.expansion.gradient * scale
+    mu = _priced(point, scale)
+    bending = problem.bending(point, mu)
+    models = [point.expansion.bowls(scale, bending)]
+    if last < _NEAR * point.top:
+        # The curvature that the pairs have together: in a valley that of each alone is too large.
+        models.append(roots((point.expansion.hessian(mu) + bending)[None] * scale * scale[:, None]))
+    # Parameters that do not matter stay where they are.
+    lazy = min(_LAZY, _LAZY * last / point.top) / len(scale) * point.top
+    floor, accuracy = _ROUNDING * point.size, min(_ROUGH, _SHARE * last / point.top)
+    for _ in range(_ATTEMPTS):
+        tried = []
+        for model in models:
+            near = _reachable(h, g, model, radius)
+            own = model if len(model) == 1 else model[near]
+            d = model_step(h[near], g[near], own, radius, lazy, accuracy)
+            predicted = point.top - float(np.max(h + g @ d + 0.5 * np.sum((model @ d) ** 2, axis=1)))
+            if predicted > floor:
+                tried.append((problem.at(point.parameters + scale * d), predicted, d))
+        if not tried:
+            return None, radius, RESULTS.fit_roundoff_limited
+        moved, predicted, d = min(tried, key=lambda trial: trial[0].top)
+        gain = point.top - moved.top
+        offending = moved.expansion.value > point.top - 0.5 * predicted
+        touched = np.max(np.abs(moved.expansion.gradient[offending] * scale), axis=0, initial=0.0) > _TOUCHED
+        if gain > _TAKEN * predicted:
+            bound = (np.abs(d) > 0.9 * radius) & ~touched
+            shrunk = touched & (gain < 0.25 * predicted)
+            radius = np.where(bound, _GROWTH * radius, np.where(shrunk, 0.5 * np.minimum(radius, _length(d)), radius))
+            return moved, radius, RESULTS.successful
+        touched = touched if np.any(touched) else np.ones_like(touched)
+        radius = np.where(touched, _SHRINKAGE * np.minimum(radius, _length(d)), radius)
+    return None, radius, RESULTS.fit_nonsmooth_stall
+
+
+def _reachable(h: FloatArray, g: FloatArray, model: FloatArray, radius: FloatArray) -> FloatArray:
+    """Which pairs can be the largest of the model, with its roots, anywhere within the radii."""
+    slope = np.abs(g) @ radius
+    rise = slope + 0.5 * np.sum((np.abs(model) @ radius) ** 2, axis=1)
+    return h + rise >= np.max(h - slope)
+
+
+def _further(problem: Problem, point: Point, stride: FloatArray, scale: FloatArray, radius: FloatArray) -> Point:
+    """The point reached by going on and making the largest pairs equal again, where it is better than the point."""
+    ahead = problem.at(point.parameters + stride)
+    if ahead.top > _ASTRAY * point.top:
+        return point
+    model = ahead.expansion.bowls(scale, problem.bending(ahead, _priced(ahead, scale)))
+    lazy = _LAZY / len(scale) * point.top
+    d = model_step(ahead.expansion.value, ahead.expansion.gradient * scale, model, radius, lazy)
+    equal = problem.at(ahead.parameters + scale * d)
+    return min((point, ahead, equal), key=lambda p: p.top)
+
+
+def _length(d: FloatArray) -> float:
+    return float(np.max(np.abs(d)))
+
+
+def _newton(problem: Problem, point: Point, scale: FloatArray) -> Point | None:
+    """Newton's step of the optimality system of the pairs that carry the maximum; None where it is not taken."""
+    support = np.flatnonzero(_priced(point, scale) > 1e-6)
+    h, g = point.expansion.value[support], point.expansion.gradient[support] * scale
+    mu = np.zeros(len(point.expansion.value))
+    mu[support] = multipliers(g, np.zeros(len(support)))
+    # Where the gradients do not nearly cancel other pairs are missing, and equal values are all that it would reach.
+    if np.linalg.norm(mu[support] @ g) > _CANCELED * np.max(np.linalg.norm(g, axis=1)):
+        return None
+    hessian = point.expansion.hessian(mu) + problem.bending(point, mu)
+    # Steps in units of the distance: Hessians of close curves grow with its reciprocal.
+    hessian = hessian * scale * scale[:, None] * point.top
+    count, active = len(scale), len(support)
+    rows = np.block(
+        [
+            [hessian, g.T, np.zeros((count, 1))],
+            [g, np.zeros((active, active)), -np.ones((active, 1))],
+            [np.zeros((1, count)), np.ones((1, active)), np.zeros((1, 1))],
+        ]
+    )
+    d = np.linalg.lstsq(rows, np.concatenate([np.zeros(count), 1 - h / point.top, [1.0]]), rcond=1e-13)[0]
+    d[:count] *= point.top
+    if not np.all(np.isfinite(d)) or np.max(np.abs(d[:count])) > _FAR * point.size or np.min(d[count:-1]) < -1e-3:
+        return None
+    moved = problem.at(point.parameters + scale * d[:count])
+    return moved if moved.top <= point.top * (1 + 1e-13) + _ROUNDING * point.size else None

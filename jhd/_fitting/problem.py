@@ -1,0 +1,168 @@
+"""A target and a family of curves: the critical pairs at parameters, with derivatives, and counts of the work.
+
+Curves of few segments are searched for all local maxima, which all take part. Their work grows with the product of both
+numbers of segments, so beyond some of it the maxima near the top are looked for with trees (near_top), in a
+time that grows with the sum of both numbers; so they are where the time is too short to compile that search.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jhd._distance.critical_pairs import critical_pairs
+from jhd._distance.witness.critical import local_pairs
+from jhd._fitting.clock import Clock, OutOfTimeError
+from jhd._fitting.expansion import Expansion, FloatArray, Moving, expand
+from jhd._fitting.near_top import pairs_near_top
+from jhd._fitting.sampled import SampledCurve, lengths_of
+from jhd._results.solution import CriticalPairs
+from jhd._runtime.compiled import asking
+from jhd._shapes.curve import AbstractCurve, BezierSegments
+
+# Pairs below this share of the largest take no part in a step; of curves of many segments these.
+_LEAST, _LEAST_OF_MANY = 1e-3, 0.3
+# Curves are of many segments where the product of both numbers exceeds this one.
+_MANY = 1 << 10
+# Samples of each curve are at least so many, and at least so many for each segment of the other one.
+_SAMPLES, _SAMPLES_EACH = 1 << 11, 4
+
+
+@dataclass
+class Point:
+    """Parameters with the critical pairs there."""
+
+    parameters: FloatArray
+    shape: AbstractCurve
+    pairs: CriticalPairs
+    fixed: Moving
+    moving: Moving
+    many: bool
+    top: float
+    size: float
+
+    @cached_property
+    def expansion(self) -> Expansion:
+        """The pairs that take part, with their derivatives; a point that is turned down needs none."""
+        least = _LEAST_OF_MANY if self.many else _LEAST
+        return expand(self.pairs, self.fixed, self.moving, least * self.top)
+
+
+@eqx.filter_jit
+def _moving(build: Callable, parameters: Any) -> tuple[AbstractCurve, Any, Any, Any]:
+    """The shape, its segments' homogeneous control points, their derivatives, and what follows what."""
+
+    def segments(p: Any) -> Any:
+        curve = build(p).segments()
+        return curve.homogeneous, (build(p), curve.next_segment)
+
+    points, (shape, next_segment) = segments(parameters)
+    tangent = jax.jacfwd(lambda p: segments(p)[0])(parameters)
+    return shape, points, tangent, next_segment
+
+
+@eqx.filter_jit
+def _bending(build: Callable, parameters: Any, cotangent: Any) -> Any:
+    """Second derivatives of the control points, contracted."""
+    return jax.hessian(lambda p: jnp.sum(build(p).segments().homogeneous * cotangent))(parameters)
+
+
+@dataclass
+class Problem:
+    """A target and a family of curves, with counts of the work.
+
+    Args:
+        build: from a vector of parameters to a curve.
+        target: the curve to fit.
+        capacity: length of the list of pairs.
+        clock: asked before each evaluation after the first.
+        density: how many times the usual number of samples curves of many segments have.
+    """
+
+    build: Callable
+    target: BezierSegments
+    capacity: int
+    clock: Clock = field(default_factory=Clock)
+    density: float = 1.0
+    counts: dict[str, int] = field(default_factory=lambda: {"steps": 0, "newton_steps": 0, "evaluations": 0})
+
+    def __post_init__(self):
+        points = np.asarray(self.target.homogeneous)
+        self._fixed = Moving(points, None, self.target.weights is not None)
+        self._size = float(np.max(np.ptp(np.asarray(self.target.control_points).reshape(-1, self.target.dim), axis=0)))
+        self._length = float(np.sum(lengths_of(points, self._fixed.rational)))
+        self._sampled: dict[tuple[int, float], SampledCurve] = {}
+        self._hurried = self._proving = False
+
+    def at(self, parameters: FloatArray) -> Point:
+        """The critical pairs at the parameters."""
+        # The first one is needed, whatever the time.
+        clock = self.clock if self.counts["evaluations"] else Clock()
+        clock.check()
+        self.counts["evaluations"] += 1
+        shape, points, tangent, next_segment = _moving(self.build, jnp.asarray(parameters))
+        rational = points.shape[-1] > self.target.dim
+        moving = Moving(np.asarray(points), np.asarray(tangent), rational)
+        pairs = None if self.has_many(len(points)) else self._all(_curve(moving, next_segment))
+        many = pairs is None
+        if pairs is None:
+            pairs = self._near_top(moving, np.asarray(next_segment), clock)
+        return Point(parameters, shape, pairs, self._fixed, moving, many, float(pairs.value[0]), self._size)
+
+    def look_closer(self) -> None:
+        """Let no maximum be missed again: of few segments the largest is proven, of many there are more samples."""
+        self.density *= 2
+        self._proving = True
+
+    def has_many(self, count: int) -> bool:
+        """Whether maxima near the top alone take part, for so many segments of the shape."""
+        return self._hurried or count * self.target.count > _MANY
+
+    def _all(self, shape: BezierSegments) -> CriticalPairs | None:
+        """All maxima; None, now and from now on, where the time does not allow to compile their search."""
+        try:
+            with asking(self.clock.compiling):
+                if self._proving:
+                    return critical_pairs(self.target, shape, self.capacity)
+                return local_pairs(self.target, shape, self.capacity)[0]
+        except OutOfTimeError:
+            self._hurried = True
+            return None
+
+    def _near_top(self, moving: Moving, next_segment: FloatArray, clock: Clock) -> CriticalPairs:
+        samples = self.density * max(_SAMPLES, _SAMPLES_EACH * max(self.target.count, len(moving.points)))
+        # Points have no length; the other curve's says how far apart its samples are.
+        length = self._length or float(np.sum(lengths_of(moving.points, moving.rational)))
+        spacing = (length or 1.0) / samples
+        target = self._sampled.get((len(moving.points), self.density))
+        if target is None:
+            target = SampledCurve(
+                self._fixed.points, np.asarray(self.target.next_segment), self._fixed.rational, spacing
+            )
+            self._sampled[len(moving.points), self.density] = target
+        clock.check()
+        shape = SampledCurve(moving.points, next_segment, moving.rational, spacing)
+        return pairs_near_top(target, shape, _LEAST_OF_MANY, self.capacity, clock)
+
+    def scales(self, parameters: FloatArray) -> FloatArray:
+        """The change of each parameter that moves the control points by about one unit of length."""
+        tangent = np.asarray(_moving(self.build, jnp.asarray(parameters))[2])
+        moved = np.max(np.abs(tangent.reshape(-1, tangent.shape[-1])), axis=0)
+        return 1 / np.where(moved > 0, moved, 1.0)
+
+    def bending(self, point: Point, mu: FloatArray) -> FloatArray:
+        """What the second derivatives of the control points add to the Hessian of sum mu_j h_j."""
+        cotangent = np.tensordot(mu, point.expansion.cotangent, axes=1)
+        return np.asarray(_bending(self.build, jnp.asarray(point.parameters), cotangent))
+
+
+def _curve(moving: Moving, next_segment: Any) -> BezierSegments:
+    if not moving.rational:
+        return BezierSegments(moving.points, None, next_segment)
+    weights = moving.points[..., -1]
+    return BezierSegments(moving.points[..., :-1] / weights[..., None], weights, next_segment)

@@ -1,0 +1,124 @@
+"""Curves with many samples, in NumPy: points and derivatives at many places, and feet found from a tree of the samples.
+
+The nearest samples of a query are where Newton's method begins, so a foot is found in the time of one look into the
+tree, whatever the number of segments. Where two parts of the curve are nearly as near as each other, and nearer to each
+other than samples are apart, the wrong one can be taken; nothing is proven here.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd._distance.nearest.feet import dot, equation_of, gauss_newton
+from jhd._distance.normalization.jets import CurveJet, polynomial_jet, quotient
+
+# Samples from which the foot of a query is looked for.
+_NEAR = 3
+# A sample that is nearer than the feet by this share is none of them up to rounding.
+_NEARER = 1e-9
+# Steps of Newton's method, some of them lost where it goes over a joint; on straight segments the first one is exact.
+_STEPS, _STRAIGHT_STEPS = 6, 2
+# Samples of a segment are this many at least, where it is curved, and this many at most.
+_LEAST, _MOST = 8, 4096
+
+FloatArray = Any
+
+
+class CurvePlaces(NamedTuple):
+    """CurvePlaces on a curve of segments: indices and parameters in [0, 1]."""
+
+    segment: FloatArray
+    t: FloatArray
+
+    def take(self, which: Any) -> "CurvePlaces":
+        """Those of an index or mask."""
+        return CurvePlaces(self.segment[which], self.t[which])
+
+
+class SampledFeet(NamedTuple):
+    """Feet of points, how far they are from them, and the samples' curve there."""
+
+    at: CurvePlaces
+    point: FloatArray
+    distance: FloatArray
+
+
+class SampledCurve:
+    """A curve of Bezier segments with samples and a tree of them.
+
+    Args:
+        homogeneous: (segments, points, width) control points, times the weights and followed by them if there are any.
+        next_segment: for each segment the next one, -1 at a free end.
+        rational: whether the last coordinate is the weight.
+        spacing: how far samples are to be apart.
+    """
+
+    def __init__(self, homogeneous: FloatArray, next_segment: FloatArray, rational: bool, spacing: float):
+        self._coefficients = np.ascontiguousarray(np.swapaxes(homogeneous, 0, 1))
+        self.next_segment, self.rational = np.asarray(next_segment), rational
+        self.degree, self.count = homogeneous.shape[1] - 1, len(homogeneous)
+        self.preceding = np.full(self.count, -1)
+        held = self.next_segment >= 0
+        self.preceding[self.next_segment[held]] = np.flatnonzero(held)
+        lengths = lengths_of(homogeneous, rational)
+        least = 0 if self.degree == 0 else _LEAST if self.degree > 1 else 1
+        self.steps = np.clip(np.ceil(lengths / spacing), least, _MOST if least else 0).astype(int)
+        self.first = np.concatenate([[0], np.cumsum(self.steps + 1)])
+        segment = np.repeat(np.arange(self.count), self.steps + 1)
+        t = (np.arange(self.first[-1]) - self.first[segment]) / np.maximum(self.steps, 1)[segment]
+        self.samples = CurvePlaces(segment, t)
+        self.points = self.jets(self.samples).point
+
+    @cached_property
+    def tree(self) -> Any:
+        """The samples as a tree."""
+        # Heavy to import, and not needed by what does not fit.
+        from scipy.spatial import KDTree
+
+        return KDTree(self.points)
+
+    def jets(self, at: CurvePlaces) -> CurveJet:
+        """Points with two derivatives, each (places, dim)."""
+        jet = polynomial_jet(self._coefficients[:, at.segment], at.t[:, None])
+        if not self.rational:
+            return jet
+        return quotient(CurveJet(*(x[:, :-1] for x in jet)), CurveJet(*(x[:, -1:] for x in jet)))
+
+    def feet(self, points: FloatArray, *starts: CurvePlaces) -> SampledFeet:
+        """The nearest of the feet reached from the nearest samples of each point (points, dim), and from the starts.
+
+        A sample that is nearer than all feet is taken itself: at a cusp Newton's method leads anywhere.
+        """
+        count = min(_NEAR, len(self.points))
+        gaps, near = (x.reshape(len(points), count) for x in self.tree.query(points, k=count))
+        begin = [self.samples.take(column) for column in near.T] + list(starts)
+        many = np.tile(points, (len(begin), 1))
+        found = self.followed(many, CurvePlaces(*(np.concatenate(x) for x in zip(*begin, strict=True))))
+        best = np.argmin(found.distance.reshape(len(begin), -1), axis=0) * len(points) + np.arange(len(points))
+        lost, sample = gaps[:, 0] < found.distance[best] * (1 - _NEARER), self.samples.take(near[:, 0])
+        at = CurvePlaces(*(np.where(lost, x, y) for x, y in zip(sample, found.at.take(best), strict=True)))
+        point = np.where(lost[:, None], self.points[near[:, 0]], found.point[best])
+        return SampledFeet(at, point, np.where(lost, gaps[:, 0], found.distance[best]))
+
+    def followed(self, points: FloatArray, at: CurvePlaces) -> SampledFeet:
+        """The feet of the points (points, dim) that Newton's method reaches, across joints too."""
+        for _ in range(0 if self.degree == 0 else _STRAIGHT_STEPS if self.degree == 1 else _STEPS):
+            here = equation_of(points, self.jets(at))
+            t = gauss_newton(at.t, here)
+            # Where a step is held at a joint it goes on with the next segment.
+            beyond = np.where(
+                (at.t >= 1) & (here.residual < 0),
+                self.next_segment[at.segment],
+                np.where((at.t <= 0) & (here.residual > 0), self.preceding[at.segment], -1),
+            )
+            start = np.where(at.t >= 1, 0.0, 1.0)
+            at = CurvePlaces(np.where(beyond >= 0, beyond, at.segment), np.where(beyond >= 0, start, t))
+        point = self.jets(at).point
+        return SampledFeet(at, point, np.sqrt(dot(point - points, point - points)))
+
+
+def lengths_of(homogeneous: FloatArray, rational: bool) -> FloatArray:
+    """Of each segment the length of its control polygon."""
+    points = homogeneous[..., :-1] / homogeneous[..., -1:] if rational else homogeneous
+    return np.sum(np.sqrt(np.sum(np.diff(points, axis=1) ** 2, axis=-1)), axis=-1)

@@ -1,0 +1,109 @@
+"""Point clouds: rows of coordinates in text (.xyz, .csv, .txt), a NumPy array (.npy), or the vertices of a PLY file."""
+
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+
+from jhd._io.errors import ParseError, read_bytes, read_text, shown
+from jhd._io.ply import read_ply
+from jhd._io.tables import table_in
+from jhd._shapes.curve import BezierSegments, point_set
+
+# What is nothing but points; a .ply file may hold a mesh too.
+CLOUD_SUFFIXES = (".xyz", ".csv", ".txt", ".npy")
+
+
+def load_points(file: str | Path) -> BezierSegments:
+    r"""Load a point set from a text, NumPy or PLY file.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder, "cloud.npy")
+    ...     np.save(file, [(0.0, 0, 0), (3, 4, 0)])
+    ...     load_points(file)
+    BezierSegments(2 points, in space, box (0, 0, 0) to (3, 4, 0))
+
+    Args:
+        file: a file with one of these suffixes. Text has one point per line, and comments start with #.
+
+            - `.xyz`: numbers separated by spaces or commas, the first three of them coordinates
+            - `.csv`, `.txt`: 2 or 3 columns separated by blanks, commas or semicolons. A first line may name the
+              columns; columns other than x, y and z are then ignored.
+            - `.npy`: an array (count, 2) or (count, 3)
+            - `.ply`: vertices, without faces
+
+    Returns:
+        The points in the order of the file.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ParseError: a file that cannot be read, with the line; or a file without points or with faces.
+    """
+    suffix = Path(file).suffix.lower()
+    reader = {".npy": _array, ".ply": _vertices, ".csv": _table, ".txt": _table}.get(suffix, _rows)
+    rows = reader(str(file))
+    try:
+        return point_set(rows)
+    except (TypeError, ValueError) as error:
+        raise ParseError(str(error), str(file)) from None
+
+
+def _array(file: str) -> np.ndarray:
+    try:
+        # Mapped: an array that the file is too short for is refused before there is room for it.
+        return np.array(np.load(file, mmap_mode="r", allow_pickle=False))
+    except OSError:
+        raise
+    except Exception as error:  # NumPy's reader of headers has many kinds for bytes that are none
+        raise ParseError(f"not an array of numbers: {' '.join(str(error)[:200].split())}", file) from None
+
+
+def _vertices(file: str) -> np.ndarray:
+    found = read_ply(file, read_bytes(file))
+    if len(found.sizes):
+        raise ParseError(f"holds {len(found.sizes)} faces; load_mesh reads the mesh.", file)
+    return found.vertices
+
+
+def _table(file: str) -> np.ndarray:
+    return table_in(read_text(file), file)
+
+
+def _rows(file: str) -> np.ndarray:
+    return rows_in(read_text(file), file)[:, :3]
+
+
+def rows_in(text: str, name: str) -> np.ndarray:
+    """The numbers of each line, (lines, numbers), separated by spaces or commas; text after # is ignored.
+
+    Raises:
+        ParseError: a word that is not a number, such as 0,5 among spaces or nothing between two commas, or a line with
+            more or fewer numbers than the lines before; with the name and the line.
+    """
+    rows: list[list[float]] = []
+    for number, line in enumerate(StringIO(text, newline=None), start=1):
+        words = _words(line.split("#")[0])
+        if not words:
+            continue
+        try:
+            # Python takes 1_0 and digits of other scripts for numbers.
+            row = [float(word) for word in words if word.isascii() and "_" not in word]
+        except ValueError:
+            row = []
+        if len(row) < len(words):
+            raise ParseError(f"needs numbers; found {shown(line.rstrip())}.", name, number)
+        if rows and len(row) != len(rows[0]):
+            raise ParseError(f"{len(row)} numbers; the lines before have {len(rows[0])}.", name, number)
+        rows.append(row)
+    return np.array(rows) if rows else np.empty((0, 3))
+
+
+def _words(line: str) -> list[str]:
+    """The numbers of a line, with empty words for nothing between commas; a last comma separates nothing."""
+    words = line.split()
+    if "," not in line or (len(words) > 1 and any("," in word.strip(",") for word in words)):
+        # Among spaces, commas within words are decimal commas, and such words are not numbers.
+        return words
+    parts = " ".join(words).removesuffix(",").split(",")
+    return [word for part in parts for word in part.split() or [""]]

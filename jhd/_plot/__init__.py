@@ -1,0 +1,1 @@
+"""Drawing of shapes, distances and results."""

@@ -1,0 +1,549 @@
+"""Curves: the interface that all curves offer, and `BezierSegments`, the working form of all distances.
+
+A `BezierSegments` is a union of (rational) Bezier segments of one degree. It need not be connected: outlines with
+several contours, polylines and point sets (degree 0) all have this form.
+"""
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jhd._results.display import batch_text, count_text, described, is_known, net_text, opaque
+from jhd._runtime.arrays import array_of, is_traced, module_of, on_host, real_array
+from jhd._shapes import convert, sketches
+from jhd._shapes.approximation import Approximation
+from jhd._shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
+from jhd._shapes.flattening import flattened, pieces_following
+from jhd._shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
+from jhd._shapes.joints import checked, completed, followed, joints, linked, turned
+
+
+class AbstractCurve(eqx.Module):
+    """A curve in the plane or in space. Points are rows; parameters are scalars or arrays of any shape."""
+
+    control_points: eqx.AbstractVar[Array]
+    weights: eqx.AbstractVar[Array | None]
+
+    @abstractmethod
+    def __call__(self, t: Numbers) -> Array:
+        """Points at the parameters t: shape (*t.shape, dim)."""
+
+    @abstractmethod
+    def segments(self) -> "BezierSegments":
+        """The curve as Bezier segments, the working form of all distances."""
+
+    @abstractmethod
+    def derivative(self) -> "AbstractCurve":
+        """The hodograph: the curve of the first derivatives, over the same parameter."""
+
+    @abstractmethod
+    def split(self, t: Numbers) -> tuple[Any, Any]:
+        """The two parts of the curve, before and after the parameter t."""
+
+    @abstractmethod
+    def reverse(self) -> "AbstractCurve":
+        """The same point set, traversed in the opposite direction."""
+
+    @abstractmethod
+    def elevate(self, degree: int) -> "AbstractCurve":
+        """The same curve in a higher degree."""
+
+    @abstractmethod
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractCurve":
+        """The image under x -> matrix x + offset; differentiable in both."""
+
+    @abstractmethod
+    def _summary(self) -> str:
+        """Degree and counts, for the curve as it is printed."""
+
+    def __repr__(self) -> str:
+        return opaque(self) or described(self, self._summary(), net_text(self.control_points, self.weights))
+
+    def _repr_svg_(self) -> str | None:
+        """The curve as notebooks show it; None for a batch and for unknown numbers."""
+        axes = 3 if isinstance(self, BezierSegments) else 2
+        if opaque(self) or not is_known(self.control_points) or self.control_points.ndim != axes:
+            return None
+        found = self.segments()
+        weights = None if found.weights is None else np.asarray(found.weights)
+        lines = sketches.along(np.asarray(found.control_points), weights)
+        return sketches.svg(lines, repr(self), dots=found.degree == 0)
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return self.control_points.shape[-1]
+
+    def to_polyline(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> "Approximation[BezierSegments]":
+        """A polyline through points of the curve, with a certified deviation of at most `tolerance` in both directions.
+
+        Segments are halved until each part is close enough, so their number grows like 1 / sqrt(tolerance). Joints and
+        closed contours are kept. The distance between two polylines differs from the distance between their curves by
+        at most the sum of both deviations.
+
+        >>> found = circle([0, 0], 1).to_polyline(0.05)
+        >>> found.shape.count, found.deviation < 0.05
+        (16, True)
+
+        Args:
+            tolerance: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            max_segments: largest number of segments to produce; more raise ValueError.
+
+        Returns:
+            An Approximation: the polyline as `shape`, and `deviation`, a bound of its Hausdorff distance to the curve.
+
+        Raises:
+            ValueError: `tolerance` is not positive, is below the rounding of the coordinates or needs more than
+                `max_segments` segments; or the curve is a point set.
+            TypeError: the curve is traced; the number of segments depends on its numbers.
+        """
+        return _approximated(self, 1, tolerance, max_segments)
+
+    def to_cubics(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> "Approximation[BezierSegments]":
+        """Polynomial cubics that approximate the curve within `tolerance`, with the ends and tangents of its parts.
+
+        The number of cubics grows like (1 / tolerance)^(1/4), and like (1 / tolerance)^(1/6) for arcs of circles and
+        ellipses. Polynomial segments of degree 3 or less are elevated, which is exact except for rounding; `deviation`
+        includes this rounding.
+
+        >>> found = circle([0, 0], 1).to_cubics(1e-4)
+        >>> found.shape.count, found.deviation < 5e-6
+        (8, True)
+
+        Args:
+            tolerance: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            max_segments: largest number of cubics to produce; more raise ValueError.
+
+        Returns:
+            An Approximation: the cubics as `shape`, and `deviation`, a bound of their Hausdorff distance to the curve.
+
+        Raises:
+            ValueError: `tolerance` is not positive, is below the rounding of the coordinates or needs more than
+                `max_segments` cubics; or the curve is a point set.
+            TypeError: the curve is traced; the number of cubics depends on its numbers.
+        """
+        return _approximated(self, 3, tolerance, max_segments)
+
+    @property
+    def homogeneous(self) -> Float[Array, "*rows width"]:
+        """Homogeneous control points: coordinates times weight, then the weight itself if the curve is rational."""
+        return homogeneous(self.control_points, self.weights)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the bounding box of the control points.
+
+        The weights are positive, so the curve lies inside.
+        """
+        (control_points,) = on_host(self.segments().control_points)
+        low, high = control_points.min(axis=(-3, -2)), control_points.max(axis=(-3, -2))
+        return array_of(low), array_of(high)
+
+
+class BezierSegments(AbstractCurve):
+    """A union of polynomial or rational Bezier segments of one degree, in the plane or in space.
+
+    Ends that meet are stored twice, once in each segment. To move an outline without tearing it, build both copies from
+    one array.
+
+    >>> corner = BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
+    >>> corner.count, corner.next_segment.tolist()
+    (2, [1, -1])
+
+    Args:
+        control_points: (segments, points, dim) coordinates with dim 2 or 3, in any unit of length; distances have the
+            same unit.
+        weights: (segments, points) positive weights; None means polynomial segments.
+        next_segment: (segments,) integers: for each segment the index of the segment that starts at its end, or -1 at a
+            free end. By default two ends are joined if they agree within 8 ulp of the largest coordinate; the next
+            segment is preferred. The indices are stored as floats with zero derivative, so that jax.grad and optimizers
+            accept curves.
+
+    Raises:
+        ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity; weights that are not
+            positive or do not match the points; or a degree above 128 (32 in single precision).
+        TypeError: entries that are not real numbers.
+    """
+
+    control_points: Float[Array, "segments points dim"]
+    weights: Float[Array, "segments points"] | None
+    # Integers inside the compiled functions of this package: jhd._distance.normalization.curves.trusted.
+    links: Float[Array, "segments 2"] | Int[Array, " segments"] = eqx.field(metadata={"name": "next_segment"})
+
+    def __init__(self, control_points: Numbers, weights: Numbers | None = None, next_segment: Numbers | None = None):
+        self.control_points = real_array("control_points", control_points)
+        self.weights = None if weights is None else real_array("weights", weights)
+        check_control_points(self.control_points, self.weights, ("segments", "points", "dim"))
+        check_degrees(self.control_points.dtype, self.degree)
+        self.links = linked(joints(self.control_points) if next_segment is None else checked(next_segment, self.count))
+
+    @property
+    def next_segment(self) -> Any:
+        """For each segment the index of the segment that starts at its end, -1 at a free end."""
+        return followed(self.links)
+
+    def _summary(self) -> str:
+        batch = batch_text(self.control_points, 3)
+        lead = f"{batch}, " if batch else ""
+        if self.degree == 0:
+            return lead + count_text(self.count, "point")
+        return f"{lead}{count_text(self.count, 'segment')} of degree {self.degree}{self._ends_text()}"
+
+    def _ends_text(self) -> str:
+        next_segment = followed(self.links) if is_known(self.links) else None
+        if next_segment is None or next_segment.ndim != 1:
+            return ""
+        ends = int(np.sum(np.asarray(next_segment) < 0))
+        if ends == 0:
+            return ", closed"
+        return ", open" if ends == 1 else f", {ends} open ends"
+
+    @property
+    def count(self) -> int:
+        """Number of segments."""
+        return self.control_points.shape[-3]
+
+    @property
+    def degree(self) -> int:
+        """Degree of the segments."""
+        return self.control_points.shape[-2] - 1
+
+    def with_homogeneous(self, homogeneous: Array, next_segment: Array | None = None) -> "BezierSegments":
+        """Segments from homogeneous control points, rational if this curve is.
+
+        Args:
+            homogeneous: control points times weights and then the weights, or control points if there are none.
+            next_segment: joints, in the form that the class takes; None joins ends that agree.
+        """
+        return BezierSegments(*cartesian(homogeneous, self.weights is not None), next_segment)
+
+    @staticmethod
+    def from_path(path: Any) -> "BezierSegments":
+        """The contours of a matplotlib Path, all elevated to their largest degree.
+
+        Open contours stay open. CLOSEPOLY adds the closing line unless it has length zero.
+
+        Args:
+            path: a matplotlib Path, or any object with `vertices` and `codes`; if `codes` is None, the vertices form
+                one polyline.
+
+        Returns:
+            One segment for each line or curve of the path; ends that meet are joined.
+
+        Raises:
+            TypeError: `path` has no `vertices` or no `codes`.
+            ValueError: no segment, NaN or infinity, or a code that is unknown, misplaced or lacks vertices.
+        """
+        control_points, next_segment = convert.outline_arrays(convert.path_contours(path))
+        return BezierSegments(control_points, None, completed(next_segment, array_of(control_points)))
+
+    @staticmethod
+    def from_shapely(geometry: Any) -> "BezierSegments":
+        """The points and lines of a shapely geometry; a polygon gives its boundary rings, not its interior.
+
+        Args:
+            geometry: a shapely geometry of any type. z coordinates are kept; measures (m) are dropped.
+
+        Returns:
+            Segments of degree 1, or of degree 0 if the geometry consists of points.
+
+        Raises:
+            TypeError: `geometry` is not a shapely geometry.
+            ValueError: an empty geometry, NaN or infinity, or a collection with members in the plane and in space.
+        """
+        control_points, next_segment = convert.outline_arrays(convert.geometry_contours(geometry))
+        return BezierSegments(control_points, None, completed(next_segment, array_of(control_points)))
+
+    def point(self, segment: Numbers, t: Numbers) -> Array:
+        """Points of numbered segments at local parameters: shape (*batch, dim).
+
+        Args:
+            segment: integer indices of segments, from 0.
+            t: local parameters from 0 to 1; broadcast against `segment`.
+        """
+        return evaluate(self.control_points, self.weights, jnp.asarray(segment), real_array("t", t))
+
+    def __call__(self, t: Numbers) -> Array:
+        """Points at global parameters t from 0 to the number of segments: shape (*t.shape, dim).
+
+        Segment k covers the parameters [k, k + 1].
+        """
+        (t,) = on_host(real_array("t", t))
+        xp = module_of(t)
+        segment = xp.clip(xp.floor(t), 0, self.count - 1)
+        return evaluate(self.control_points, self.weights, segment.astype(int), t - segment)
+
+    def segments(self) -> "BezierSegments":
+        """The curve itself."""
+        return self
+
+    def derivative(self) -> "BezierSegments":
+        """The hodographs of all segments, each over its own [0, 1]; degree 2 n if the curve is rational."""
+        points, weights = hodograph(self.control_points, self.weights)
+        return BezierSegments(points, weights)
+
+    def split(self, t: Numbers) -> tuple["BezierSegments", "BezierSegments"]:
+        """The two parts of the curve, before and after the global parameter t.
+
+        Args:
+            t: a number strictly between 0 and the number of segments.
+
+        Raises:
+            ValueError: t is outside this range.
+            TypeError: t is traced; the numbers of segments of both parts depend on it.
+        """
+        if is_traced(t):
+            raise TypeError("split of BezierSegments needs a concrete t: the numbers of segments depend on it.")
+        checked_between("t", t, 0.0, float(self.count))
+        t = float(np.asarray(t))
+        whole, inside = int(t), int(t != int(t))
+        first, last = cut(self.homogeneous, t - whole, whole, inside)
+        xp = jnp if is_traced(self.next_segment) else np
+        next_segment = xp.asarray(self.next_segment)
+        before, after = next_segment[: whole + inside], next_segment[whole:] - whole
+        # The last segment before the cut leads to the cut, and none after it leads back to the cut.
+        kept = (before < whole + inside) & (np.arange(whole + inside) < whole)
+        before, after = xp.where(kept, before, -1), xp.where(after >= inside, after, -1)
+        return self._completed(first, before), self._completed(last, after)
+
+    def _completed(self, homogeneous: Array, next_segment: Any) -> "BezierSegments":
+        control_points, weights = cartesian(homogeneous, self.weights is not None)
+        return BezierSegments(control_points, weights, completed(next_segment, control_points))
+
+    def restrict(self, t0: Numbers, t1: Numbers) -> "BezierSegments":
+        """The part of every segment over the local parameters [t0, t1].
+
+        Args:
+            t0: local parameter of the start, from 0 to 1; a scalar, or one value per segment.
+            t1: local parameter of the end, from 0 to 1; if t1 < t0, the segment is reversed.
+
+        Raises:
+            ValueError: a parameter outside [0, 1].
+        """
+        ends = [jnp.broadcast_to(checked_parameter(name, t), (self.count,)) for name, t in (("t0", t0), ("t1", t1))]
+        return self.with_homogeneous(jax.vmap(restrict)(self.homogeneous, *ends))
+
+    def elevate(self, degree: int) -> "BezierSegments":
+        """The same curve in a higher degree.
+
+        Args:
+            degree: new degree, at least the current degree.
+
+        Raises:
+            ValueError: `degree` is below the degree of the curve.
+        """
+        if degree == self.degree:
+            # The way through homogeneous coordinates rounds.
+            return self
+        return self.with_homogeneous(elevate(self.homogeneous, degree), self.next_segment)
+
+    def reverse(self) -> "BezierSegments":
+        """The same point set, traversed in the opposite direction."""
+        return self._completed(self.homogeneous[::-1, ::-1], turned(self.next_segment))
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierSegments":
+        """The image under x -> matrix x + offset; differentiable in both. Joints are kept.
+
+        Args:
+            matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
+            offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
+        control_points = affine_image(self.control_points, matrix, offset)
+        return BezierSegments(control_points, self.weights, completed(self.next_segment, control_points))
+
+    def pad(self, count: int) -> "BezierSegments":
+        """The same point set with `count` segments, so that ragged curves fit one batch; the last segment is repeated.
+
+        Args:
+            count: new number of segments, at least the current number.
+
+        Raises:
+            ValueError: `count` is below the number of segments.
+            TypeError: `count` is not an integer.
+        """
+        if not isinstance(count, int | np.integer):
+            raise TypeError(f"count must be a whole number; got {type(count).__name__}.")
+        if count < self.count:
+            raise ValueError(f"count is {count}; the curve has {self.count} segments.")
+        index = np.minimum(np.arange(count), self.count - 1)
+        points, weights, next_segment = on_host(self.control_points, self.weights, self.next_segment)
+        return BezierSegments(points[index], None if weights is None else weights[index], next_segment[index])
+
+    @staticmethod
+    def join(curves: Sequence[AbstractCurve]) -> "BezierSegments":
+        """The union of several curves as one, in their largest degree; rational if any of them is.
+
+        >>> BezierSegments.join([polyline([[0, 0], [1, 0]]), point_set([[2, 2]])]).control_points.shape
+        (2, 2, 2)
+
+        Args:
+            curves: curves of one dimension.
+
+        Returns:
+            The segments of all curves in order. Joints are kept, and free ends that meet are joined.
+
+        Raises:
+            ValueError: no curve, or curves of different dimensions.
+            TypeError: an entry that is not a curve.
+        """
+        if isinstance(curves, AbstractCurve):
+            raise TypeError(f"curves must be a sequence of curves; got one {type(curves).__name__}.")
+        curves = list(curves)
+        if not curves:
+            raise ValueError("join needs at least one curve; got none.")
+        for k, curve in enumerate(curves):
+            check_curve(f"curves[{k}]", curve)
+        parts = [curve.segments() for curve in curves]
+        if len({part.dim for part in parts}) > 1:
+            raise ValueError(f"join needs curves of one dimension; got {[part.dim for part in parts]}.")
+        degree = max(part.degree for part in parts)
+        parts = [part.elevate(degree) for part in parts]
+        tables = on_host(*(part.control_points for part in parts))
+        points = module_of(tables[0]).concatenate(tables)
+        first = np.cumsum([0] + [part.count for part in parts])
+        xp = jnp if is_traced([part.next_segment for part in parts]) else np
+        known = [xp.asarray(part.next_segment) for part in parts]
+        shifted = [xp.where(rows < 0, -1, rows + first[k]) for k, rows in enumerate(known)]
+        next_segment = completed(xp.concatenate(shifted), points)
+        if all(part.weights is None for part in parts):
+            return BezierSegments(points, None, next_segment)
+        ones = [np.ones(part.control_points.shape[:-1]) if part.weights is None else part.weights for part in parts]
+        return BezierSegments(points, module_of(points).concatenate(on_host(*ones)), next_segment)
+
+
+def check_curve(name: str, value: object) -> None:
+    """Raises TypeError unless the value is a curve."""
+    if not isinstance(value, AbstractCurve):
+        raise TypeError(
+            f"{name} must be a curve (BezierCurve, BSplineCurve, BezierSegments; see also jhd.point_set, "
+            f"jhd.polyline); got {type(value).__name__}."
+        )
+
+
+def _approximated(curve: AbstractCurve, degree: int, tolerance: Numbers, most: int) -> "Approximation[BezierSegments]":
+    if is_traced(curve, tolerance):
+        raise TypeError(
+            "an approximation needs a concrete curve and tolerance: the number of segments depends on them."
+        )
+    tolerance = real_array("tolerance", tolerance)
+    if tolerance.shape != () or not float(tolerance) > 0:
+        raise ValueError(f"tolerance is {tolerance}; needs one positive number.")
+    segments = curve.segments()
+    if segments.degree == 0:
+        raise ValueError("the curve is a point set (degree 0); join its points with jhd.polyline first.")
+    points, weights = np.asarray(segments.control_points), segments.weights
+    found = flattened(points, None if weights is None else np.asarray(weights), degree, float(tolerance), most)
+    next_segment = pieces_following(found.segment, np.asarray(segments.next_segment))
+    return Approximation(BezierSegments(found.control_points, None, next_segment), found.deviation)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
+    """Rows x of `points` mapped to matrix x + offset.
+
+    Raises:
+        ValueError: the matrix does not take points of this dimension, or the offset does not fit its result.
+    """
+    matrix, offset = real_array("matrix", matrix), real_array("offset", offset)
+    if matrix.ndim != 2 or matrix.shape[1] != points.shape[-1]:
+        raise ValueError(f"matrix has shape {matrix.shape}; needs (dim, {points.shape[-1]}).")
+    if offset.ndim > 1 or offset.shape not in ((), (1,), (matrix.shape[0],)):
+        raise ValueError(f"offset has shape {offset.shape}; needs ({matrix.shape[0]},).")
+    # A sum of products in full precision: matrix products may run in reduced precision on accelerators.
+    rows, columns, shift = on_host(points, matrix, offset)
+    return array_of((rows[..., None, :] * columns).sum(axis=-1) + shift)
+
+
+def point_set(array: Numbers) -> BezierSegments:
+    """A point set as a curve of degree 0, with one segment per point.
+
+    >>> point_set([[0, 0], [3, 4]])
+    BezierSegments(2 points, in the plane, box (0, 0) to (3, 4))
+
+    Args:
+        array: (count, 2) or (count, 3) coordinates, in any unit of length.
+
+    Returns:
+        The points in the given order.
+
+    Raises:
+        ValueError: wrong shape, no point, NaN or infinity.
+    """
+    (rows,) = on_host(_rows("points", array, 1))
+    return BezierSegments(rows[:, None, :])
+
+
+def polyline(points: Any, closed: bool = False) -> BezierSegments:
+    """The straight segments that join consecutive points; a closed polyline also joins the last point to the first.
+
+    >>> polyline([[0, 0], [1, 0], [1, 1]], closed=True).count
+    3
+
+    Args:
+        points: (count, 2) or (count, 3) coordinates of at least two points, in any unit of length; or an object with
+            `coords`, for example a shapely LineString.
+        closed: whether to join the last point to the first. Nothing is added if both already agree.
+
+    Returns:
+        Segments of degree 1 in the given order.
+
+    Raises:
+        ValueError: wrong shape, fewer than two points, NaN or infinity.
+    """
+    (rows,) = on_host(_rows("points", getattr(points, "coords", points), 2))
+    xp = module_of(rows)
+    if closed and (is_traced(rows) or bool(np.any(rows[0] != rows[-1]))):
+        rows = xp.concatenate([rows, rows[:1]])
+    return BezierSegments(xp.stack([rows[:-1], rows[1:]], axis=1))
+
+
+def _rows(name: str, value: object, least: int) -> Array:
+    rows = real_array(name, value)
+    if rows.ndim != 2 or rows.shape[-1] not in (2, 3):
+        turned = " Points are rows: pass its transpose?" if rows.ndim == 2 and rows.shape[0] in (2, 3) else ""
+        raise ValueError(f"{name} has shape {rows.shape}; needs (points, 2) or (points, 3).{turned}")
+    if rows.shape[0] < least:
+        raise ValueError(f"{name} has {rows.shape[0]} points; needs at least {least}.")
+    return rows
+
+
+def circle(center: Numbers, radius: Numbers) -> BezierSegments:
+    """A circle as four rational quadratic quarters, counter-clockwise from angle 0.
+
+    The weights 1, sqrt(1/2), 1 are rounded, so the stored curve leaves the true circle by about an ulp of the radius.
+
+    >>> circle([0, 0], 2).control_points[0].tolist()
+    [[2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
+
+    Args:
+        center: (2,) coordinates of the center, in any unit of length.
+        radius: positive radius, in the unit of the center.
+
+    Returns:
+        A closed curve of four segments.
+
+    Raises:
+        ValueError: wrong shape, NaN or infinity, or a radius that is not positive.
+    """
+    center, radius = real_array("center", center), real_array("radius", radius)
+    if center.shape != (2,):
+        raise ValueError(f"center has shape {center.shape}; needs (2,).")
+    if radius.shape != ():
+        raise ValueError(f"radius has shape {radius.shape}; needs a scalar.")
+    if not is_traced(radius) and float(radius) <= 0:
+        raise ValueError(f"radius is not positive: {float(radius):g}.")
+    corners = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], dtype=float)
+    quarters = np.stack([corners[2 * k : 2 * k + 3] for k in range(4)])
+    weights = np.broadcast_to([1.0, math.sqrt(0.5), 1.0], (4, 3))
+    middle, length = on_host(center, radius)
+    return BezierSegments(middle + length * quarters, weights, np.array([1, 2, 3, 0]))

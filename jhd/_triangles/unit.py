@@ -1,0 +1,52 @@
+"""Meshes divided by powers of two, so that squares of their coordinates neither underflow nor overflow.
+
+Whatever depends on squares of coordinates is made of the mesh `in_unit`, and so is shared by meshes of all sizes.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from jhd._arithmetic.scaling import common_exponent
+from jhd._runtime.arrays import array_of
+from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.prepared import Prepared, prepared
+
+
+class _InUnit(NamedTuple):
+    """A mesh divided by a power of two, held with what is made of it; None where that is the mesh itself."""
+
+    held: Prepared | None
+    power: int
+
+
+def in_unit(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:
+    """The mesh, its numbers known, divided by the power of two that brings its coordinates to [1/2, 1); and the power.
+
+    Nothing that is worked out about it has squares that underflow or overflow, but for triangles that are tiny in it.
+    """
+    held, power = prepared(mesh).part(_in_unit)
+    return (mesh if held is None else held.shape), power
+
+
+def _in_unit(mesh: TriangleMesh) -> _InUnit:
+    vertices = np.asarray(mesh.vertices)
+    power = int(common_exponent(vertices[np.asarray(mesh.triangles)]))
+    if power == 0:
+        return _InUnit(None, 0)
+    # Vertices that no triangle has may overflow.
+    with np.errstate(over="ignore"):
+        scaled = np.ldexp(vertices, -power)
+    return _InUnit(prepared(eqx.tree_at(lambda m: m.vertices, mesh, array_of(scaled))), power)
+
+
+def scaled_down(points: np.ndarray, power: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points divided by 2^power, and which of them that leaves in the range of floats.
+
+    The others, put at the origin here, are so far from a mesh that `in_unit` divided by it that they are outside.
+    """
+    with np.errstate(over="ignore"):
+        scaled = np.ldexp(points, -power)
+    near = np.all(np.isfinite(scaled), axis=1)
+    return np.where(near[:, None], scaled, 0.0).astype(points.dtype), np.flatnonzero(near)
