@@ -34,7 +34,7 @@ def as_shape(shape: Any) -> Any:
     """Convert an array or an object of another package to a shape of jhd.
 
     Every function that takes shapes does this by itself. Polygons stand for their boundary rings and meshes for their
-    surface. The next_segment objects are accepted:
+    surface. These objects are accepted:
 
     - a shape of jhd, which is returned unchanged,
     - an array (count, 2) or (count, 3), or an object that converts to one: a point set,
