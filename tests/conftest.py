@@ -101,13 +101,14 @@ def checked(function):
 def pytest_configure(config):
     """Quick tests compile without optimization, in less time; slow ones with it, as the programs of plain calls are.
 
-    What is proven must hold for either: with and without fused multiplications and additions. Checked annotations take
-    a tenth of the time: the environment asks for them by CHECK_ANNOTATIONS=1, as the continuous integration does for
-    the quick tests.
+    What is proven must hold for either: with and without fused multiplications and additions. OPTIMIZE=0 in the
+    environment compiles slow tests as quick ones are, for those that compile for longer than they run. Checked
+    annotations take a tenth of the time: the environment asks for them by CHECK_ANNOTATIONS=1, as the continuous
+    integration does for the quick tests.
     """
     # What is started in the background ignores interrupts, and so does all that it starts; some tests send them.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    quick = config.option.markexpr == "not slow and not exhaustive"
+    quick = config.option.markexpr == "not slow and not exhaustive" or os.environ.get("OPTIMIZE") == "0"
     flags = os.environ.get("XLA_FLAGS", "").split()
     # Worker processes inherit the flags.
     if not set(flags) & set(QUICK_FLAGS):

@@ -19,6 +19,7 @@ QUICK_DEGREE, QUICK_COUNT = 3, 4
 SIZES = (QUICK_COUNT, 96)
 # One pair of each kind that needs programs of its own: contours, weights in space at a higher degree, long splines.
 FURTHER = ("letter_contours", "rational_space_curves", "splines_90")
+FURTHER_WAYS = [(name, "ba" if k % 2 else "ab") for k, name in enumerate(FURTHER)]
 
 
 def curve(shape, rational=False):
@@ -48,7 +49,7 @@ def is_quick(case):
 def parameters(cases, directions=("ab", "ba")):
     """Pairs of a name and a direction; of those that need a program of their own one of each kind is slow."""
     ways = [(case.name, direction) for case in cases for direction in directions]
-    return swept(ways, [w for w in ways if is_quick(BY_NAME[w[0]])], [w for w in ways if w[0] in FURTHER])
+    return swept(ways, [w for w in ways if is_quick(BY_NAME[w[0]])], [w for w in FURTHER_WAYS if w in ways])
 
 
 def of_each_tag(cases):

@@ -28,7 +28,7 @@ QUICK = pairs.of_each_tag([c for c in CASES if pairs.is_quick(c) and c.a.control
 def parameters(cases, directions=("ab", "ba")):
     """Pairs of a name and a direction; the representative ones are quick."""
     ways = [(case.name, way) for case in cases for way in directions]
-    return swept(ways, [w for w in ways if w[0] in QUICK], [w for w in ways if w[0] in pairs.FURTHER])
+    return swept(ways, [w for w in ways if w[0] in QUICK], [w for w in ways if w in pairs.FURTHER_WAYS])
 
 
 EVERY = parameters(CASES)
