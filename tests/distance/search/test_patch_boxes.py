@@ -13,6 +13,7 @@ from jhd._distance.search import on_patches, patch_boxes
 from jhd._distance.search.on_patches import NetTarget
 from jhd._distance.search.patch_boxes import PatchBoxes, SettledParts
 from tests.distance.test_families import sphere, torus
+from tests.sweeps import swept
 
 # More points than nodes are cut for, on more pieces than one box holds.
 POINTS, PIECES, SAMPLES = 150, 20, 9
@@ -125,7 +126,7 @@ def queries(net, rng, count):
     return on + rng.choice([0.0, 1e-9, 1e-3, 0.1, 0.5], (count, 1)) * rng.normal(size=(count, 3))
 
 
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("name", swept(SURFACES, ["rational", "collapsed"], list(SURFACES)))
 def test_bounds_overlap_with_those_of_a_search_that_cuts_whole_pieces(name, monkeypatch):
     net, rng = SURFACES[name], np.random.default_rng(2)
     points = queries(net, rng, 120)

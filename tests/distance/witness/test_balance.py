@@ -13,6 +13,7 @@ from jhd._distance.search.closest_triangles import as_mesh
 from jhd._distance.witness import balance
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, MinimumSolution, Witness
+from tests.sweeps import swept
 
 NORMAL = np.array([0.6, 0.0, 0.8])
 
@@ -72,6 +73,7 @@ def test_at_the_apex_of_a_cone_the_foot_and_not_the_noise_of_a_gradient_tells_th
     np.testing.assert_allclose(jax.grad(value)(jnp.zeros(3)), [0.6, 0.0, -0.8], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_points_beside_a_mesh_are_triangles_that_have_no_coordinates():
     corners, point = np.array([[3.0, 1, 2], [6, 0, -1], [4, -1, 0]]), np.array([2.0, 2.5, 1])
     speeds = np.array([[0.2, 0.1, -0.3], [0.3, -0.1, 0.2], [0.1, 0.4, 0.1]]), np.array([-0.2, 0.1, 0.3])
@@ -141,7 +143,7 @@ def test_feet_that_do_not_count_stay_where_they_are():
     assert not any(np.any(x) for x in jax.tree_util.tree_leaves(second))
 
 
-@pytest.mark.parametrize("nowhere", [np.nan, np.inf])
+@pytest.mark.parametrize("nowhere", swept([np.nan, np.inf], quick=1, slow=1))
 def test_refused_pairs_have_the_derivative_zero_in_reverse_mode_too(nowhere):
     nothing, infinite = jnp.full(3, nowhere), jnp.asarray(jnp.inf)
     solution = MinimumSolution(infinite, infinite * 0 + 0, infinite, nothing, nothing, RESULTS.nonfinite_value, {})
