@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 # Color and marker of each distance.
 _LOOKS = {"largest": (BLUE, "o"), "smallest": (ORANGE, "D"), "decision": (VERMILLION, "^")}
 _NAMES = {"largest": "Hausdorff distance", "smallest": "smallest distance", "decision": "decision"}
-_PANELS = {"within": "CPU s to check", "cells": "cells"}
+_PANELS = {"within": ("time of a check", "CPU time (s)"), "cells": ("cells", "number of cells")}
 
 
 def main() -> None:
@@ -32,10 +32,10 @@ def _figure(numbers: dict[str, Any]) -> Figure:
     with style():
         figure = Figure(figsize=(85 * MM, (30 + 4.1 * len(mixes)) * MM), layout="constrained")
         axes = figure.subplots(1, 2, sharey=True)
-        for ax, (key, label), name in zip(axes, _PANELS.items(), "ab", strict=True):
+        for ax, (key, (title, label)), name in zip(axes, _PANELS.items(), "ab", strict=True):
             _draw(ax, mixes, key)
             ax.set_xlabel(label)
-            letter(ax, name)
+            letter(ax, name, title)
         axes[0].set_yticks(range(len(mixes)), [_label(mix) for mix in mixes])
         for ax in axes:
             ax.tick_params(axis="y", length=0)

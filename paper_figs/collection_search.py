@@ -53,7 +53,7 @@ def _draw_work(part: Any, numbers: dict[str, Any]) -> None:
     letter(above, "a", f"searched for {numbers['queries']} letters")
     letter(below, "b", "time, once compiled")
     above.set_ylabel("share of distances (%)")
-    below.set(ylabel="CPU seconds", xlabel=f"letters of {numbers['fonts'][1]} to choose from")
+    below.set(ylabel="CPU time (s)", xlabel=f"letters of {numbers['fonts'][1]} to choose from")
     below.set_xticks(sizes, [f"{size}" for size in sizes])
     for ax in (above, below):
         ax.minorticks_off()

@@ -30,11 +30,11 @@ _SERIES: dict[str, dict[str, Any]] = {
     "lambda": {"color": BLUE, "marker": "o", "markersize": 5.5, "markerfacecolor": "none", "label": "two branches, λ"},
     "affine map": {"color": GREEN, "marker": "^", "label": "affine map"},
     "Moebius map": {"color": PURPLE, "marker": "v", "label": "Möbius map"},
-    "ours": {"color": VERMILLION, "marker": "o", "label": "ours"},
+    "ours": {"color": VERMILLION, "marker": "o", "label": "jhd"},
 }
 # The same bounds under the names they have beside others.
 _SAME = {"ours, affine map": "affine map", "cubic map": "one branch"}
-_HALVED: dict[str, Any] = {"color": BLACK, "marker": "x", "markeredgewidth": 0.9, "label": "ours, cells halved"}
+_HALVED: dict[str, Any] = {"color": BLACK, "marker": "x", "markeredgewidth": 0.9, "label": "jhd, cells halved"}
 _MARK: dict[str, Any] = {"markersize": 3.2, "markeredgecolor": BLACK, "markeredgewidth": 0.3}
 _DASHES: dict[str, Any] = {"color": BLACK, "linewidth": 0.7, "linestyle": (0, (3, 1.5)), "zorder": 5}
 _DOTS: dict[str, Any] = {"color": BLACK, "linewidth": 0.6, "linestyle": (0, (1, 1.5))}

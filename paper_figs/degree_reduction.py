@@ -106,7 +106,7 @@ def _draw_times(ax: Axes, cases: list[dict[str, Any]]) -> None:
         ax.plot(*values, linestyle="none", markersize=size, markeredgewidth=0.6, label=label, **_hollow(name))
     ax.axhline(1.0, color=BLUE, linewidth=1.0, zorder=0)
     ax.set_xscale("log")
-    ax.set_xlabel("time of the run shown (s), compiled")
+    ax.set_xlabel("time of the run shown, compiled (s)")
     letter(ax, "b", "against time")
 
 

@@ -61,7 +61,7 @@ def _draw_time(ax: Any, numbers: dict[str, Any]) -> None:
     values = [numbers["cpu_a_pair"] * numbers["pairs"], spent["pivots"], spent["rest"]]
     names = ["all distances\n(estimated)", "pivot distances", "search"]
     _points(ax, names, values, [GRAY, GREEN, ORANGE], ",.3g" if max(values) < 1e3 else ",.0f")
-    ax.set_xlabel("CPU seconds")
+    ax.set_xlabel("CPU time (s)")
     letter(ax, "b", "time, once compiled")
 
 

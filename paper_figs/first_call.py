@@ -49,7 +49,7 @@ def _figure(entries: dict[str, Any]) -> Figure:
             places, [f"{name}, {way}" if way == "no folder" else way for name in entries for way in _WAYS.values()]
         )
         ax.invert_yaxis()
-        ax.set_xlabel("CPU seconds after the import")
+        ax.set_xlabel("CPU time after the import (s)")
         ax.margins(y=0.01)
         look: dict[str, Any] = {"edgecolor": "white", "linewidth": 0.3}
         keys = [Patch(facecolor=color, hatch=hatch, label=name, **look) for name, color, hatch in _PHASES.values()]

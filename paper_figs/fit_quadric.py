@@ -15,8 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 import jhd
+from jhd._plot.faces import shaded_shapes
+from jhd._plot.nets import quadrilaterals
 
 _CELLS, _SMOKE_CELLS = 64, 16
 _VIEW = 22, -58
@@ -66,7 +69,8 @@ def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cell
         coefficients[tuple(one)], coefficients[tuple(2 * one)] = -2 * p[axis] * u[axis], p[axis]
     quartic = jhd.ImplicitSurface.parse(numbers["target"], [-size] * 3, [size] * 3)
     ellipsoid = jhd.ImplicitSurface(coefficients, [-size] * 3, [size] * 3)
-    jhd.plot.surfaces((quartic, ellipsoid), ax, labels=(None, None), cells=cells, alpha=1.0)
+    faces = _outside(quartic, ellipsoid, cells), _outside(ellipsoid, quartic, cells)
+    shaded_shapes(ax, faces, (BLUE, ORANGE), (None, None), 1.0)
     point, feet = np.array(found["point"]), np.array(found["feet"])
     for foot, weight in zip(feet, found["multipliers"], strict=True):
         if weight > 0:
@@ -78,6 +82,30 @@ def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cell
     ax.set_axis_off()
     ax.view_init(*_VIEW)
     ax.set_box_aspect((1, 1, 1), zoom=1.7)
+    _draw_scale(ax)
+
+
+def _draw_scale(ax: Any) -> None:
+    """A unit of length across the view at the depth of the center, below the shapes."""
+    across = np.array([-np.sin(np.radians(_VIEW[1])), np.cos(np.radians(_VIEW[1])), 0.0])
+    x, y, _ = proj_transform(*(np.array([-0.5, 0.5]) * across[:, None]), ax.get_proj())
+    (left, _), (right, _) = ax.figure.transFigure.inverted().transform(ax.transData.transform(np.transpose([x, y])))
+    ax.figure.add_artist(Line2D([left, right], [0.205, 0.205], color=BLACK, linewidth=1.2))
+    ax.figure.text(right + 0.008, 0.205, "1", va="center")
+
+
+def _outside(shape: jhd.ImplicitSurface, other: jhd.ImplicitSurface, cells: int) -> np.ndarray:
+    """Faces of a closed surface, cut where another one hides them, with the last corner repeated: (faces, 6, 3)."""
+    faces = quadrilaterals(shape, cells)
+    found = []
+    for corners, values in zip(faces, np.asarray(other(faces)), strict=True):
+        rows = []
+        for here, there, low, high in zip(corners, np.roll(corners, -1, 0), values, np.roll(values, -1), strict=True):
+            rows += [here] if low >= 0 else []
+            rows += [here + low / (low - high) * (there - here)] if low * high < 0 else []
+        if len(rows) > 2:
+            found.append(rows + rows[-1:] * (6 - len(rows)))
+    return np.array(found)
 
 
 def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:

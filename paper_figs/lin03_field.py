@@ -153,7 +153,7 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_yticks([1, 5], names)
     ax.invert_yaxis()
     ax.set_xlim(0, 1.5 * max(time for _, time in numbers["printed"]))
-    ax.set_xlabel("time in s")
+    ax.set_xlabel("time (s)")
     ax.set_ylabel("triangles (printed)")
 
 

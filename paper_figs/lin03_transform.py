@@ -137,7 +137,7 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
         ax.fill_between(sizes, low, high, color=color, alpha=0.2, linewidth=0)
         ax.loglog(sizes, np.median(every, axis=0), color=color, marker=marker, linestyle=line, label=name, markersize=4)
     _size_axis(ax, sizes)
-    ax.set_ylabel("time in s")
+    ax.set_ylabel("time (s)")
     ax.legend(loc="upper left")
     letter(ax, "c", "one core; bands: three shapes")
 

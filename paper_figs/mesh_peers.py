@@ -91,7 +91,7 @@ def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
         if name == "samples to meshes":
             _name_samples(ax, [way["samples"] for way in mine], seconds, errors)
     ax.set_ylim(proven / 10, 100)
-    ax.set_xlabel("seconds")
+    ax.set_xlabel("time (s)")
     ax.set_ylabel("relative error")
     ax.legend(loc="center left", bbox_to_anchor=(0.0, 0.42), labelspacing=0.3, borderaxespad=0.2)
     letter(ax, "b", "Hausdorff distances, one core")

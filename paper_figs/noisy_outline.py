@@ -49,7 +49,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
                 _draw(seconds, cases, [entry["seconds"] for entry in found], name, look)
         distance.set_ylabel("proven Hausdorff distance (1/1000)")
         letter(distance, "b", "how near")
-        seconds.set_ylabel("seconds of the processor")
+        seconds.set_ylabel("CPU time (s)")
         letter(seconds, "c", "how soon")
         handles, labels = distance.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, columnspacing=1.6, handlelength=2.6)

@@ -37,7 +37,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         letter(vertices, "a", f"{numbers['by_vertices'][0]['points']} free points")
         _draw(points, numbers["by_segments"], "points", "free points of the fit")
         letter(points, "b", f"{numbers['by_segments'][0]['vertices']} vertices")
-        vertices.set_ylabel("seconds of the processor")
+        vertices.set_ylabel("CPU time (s)")
         handles, labels = vertices.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, columnspacing=1.6, handlelength=2.6)
     return figure

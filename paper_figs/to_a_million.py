@@ -49,7 +49,7 @@ def _draw_calls(ax: Any, numbers: dict[str, Any]) -> None:
     ax.set_xticks(size, [f"{x}" for x in size])
     ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     ax.minorticks_off()
-    ax.set(xlabel="letters in each of two shards", ylabel="CPU seconds of a call")
+    ax.set(xlabel="letters in each of two shards", ylabel="CPU time of a call (s)")
     # Room for the key above the lines.
     ax.set_ylim(top=30 * max(every))
     ax.legend(loc="upper left", handlelength=2.6)
