@@ -49,6 +49,7 @@ _PLACE: dict[str, Any] = {
     "markeredgecolor": BLACK,
     "zorder": 6,
 }
+_END: dict[str, Any] = {"color": BLACK, "marker": ".", "markersize": 2.6}
 _WITNESS: dict[str, Any] = {"color": BLACK, "linewidth": 0.7, "marker": "o", "markersize": 3.0}
 
 
@@ -86,7 +87,7 @@ def _pairs(numbers: dict[str, Any]) -> Figure:
     """A row for each pair: the curves with their distance, the map of B, its reading along A, and both trimmed."""
     pairs = numbers["pairs"]
     with style():
-        figure = Figure(figsize=(175 * MM, (14 + 38 * len(pairs)) * MM), layout="constrained")
+        figure = Figure(figsize=(175 * MM, (19 + 38 * len(pairs)) * MM), layout="constrained")
         axes = figure.subplots(len(pairs), 4, squeeze=False, width_ratios=(1, 1, 0.8, 1))
         for row, (kind, pair) in zip(axes, pairs.items(), strict=True):
             plane, field, profile, trimmed = row
@@ -102,9 +103,15 @@ def _pairs(numbers: dict[str, Any]) -> Figure:
         titles = ("distance of $A$ from $B$", "nearest arcs of $B$", "read along $A$", "kept of both")
         for ax, name, title in zip(axes[0], "abcd", titles, strict=True):
             letter(ax, name, title)
-        more = [Line2D([], [], label="$B$, kept", **_LEFT_OF_B), Line2D([], [], label="distance", **_DISTANCE)]
+        more = [
+            Line2D([], [], label="distance", **_DISTANCE),
+            Line2D([], [], label="equally far from $B$", color=GRAY, linewidth=0.4),
+            Line2D([], [], label="end of an arc", linestyle="none", **_END),
+        ]
+        if any(pair["share_left_of_b"] > 0 for pair in pairs.values()):
+            more = [Line2D([], [], label="$B$, kept", **_LEFT_OF_B), *more]
         handles = [*_handles()[:3], *more, *_handles()[4:]]
-        figure.legend(handles=handles, loc="outside lower center", ncols=7, handlelength=1.6, columnspacing=1.0)
+        figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=1.6, columnspacing=1.6)
     return figure
 
 
@@ -145,6 +152,7 @@ def _draw_reading(ax: Axes, pair: dict[str, Any]) -> None:
     ax.annotate("$LB$", (0, pair["lower"]), (2, 2), textcoords="offset points")
     ax.set_ylim(0, 1.2 * pair["lower"])
     ax.set_xlabel("parameter of $A$", labelpad=1)
+    ax.set_ylabel("distance to $B$", labelpad=1)
 
 
 def _colors(field: dict[str, Any]) -> np.ndarray:
@@ -163,7 +171,7 @@ def _draw_map(ax: Axes, field: dict[str, Any]) -> None:
     arcs = jhd.BezierSegments(np.array(field["arcs"]["control_points"]), np.array(field["arcs"]["weights"]))
     ax.plot(*np.asarray(arcs(np.linspace(0, arcs.count, 800))).T, color=BLACK, linewidth=1.2)
     ends = np.asarray(arcs.control_points)[:, [0, -1]].reshape(-1, 2)
-    ax.plot(*ends.T, linestyle="none", marker=".", markersize=2.6, color=BLACK)
+    ax.plot(*ends.T, linestyle="none", **_END)
     _finish(ax, x, y)
 
 
