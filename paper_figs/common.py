@@ -174,6 +174,11 @@ def outward(lower: float, upper: float, digits: int) -> tuple[str, str]:
     return f"{low}", f"{high}"
 
 
+def grouped(number: float, form: str = ",") -> str:
+    """A number with thin spaces between groups of three digits."""
+    return format(number, form).replace(",", "\N{THIN SPACE}")
+
+
 def letter(ax: Axes, text: str, title: str = "") -> None:
     """The letter of a panel, bold, and what it shows, above its left edge."""
     ax.set_title(f"$\\bf{{({text})}}$ {title}", loc="left", pad=3)

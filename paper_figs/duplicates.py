@@ -8,7 +8,7 @@ seconds.
 from typing import Any
 
 import numpy as np
-from common import BLUE, GRAY, GREEN, MM, ORANGE, Picture, bezier, letter, power_text, style
+from common import BLUE, GRAY, GREEN, MM, ORANGE, Picture, bezier, grouped, letter, power_text, style
 from matplotlib.figure import Figure
 
 from jhd import plot
@@ -44,7 +44,7 @@ def _points(ax: Any, names: list[str], values: list[float], colors: list[str], f
     ax.set_xlim(min(values) / 8, 60 * max(values))
     ax.invert_yaxis()
     for k, value in enumerate(values):
-        ax.annotate(format(value, form).replace(",", " "), (value, k), (6, 0), textcoords="offset points", va="center")
+        ax.annotate(grouped(value, form), (value, k), (6, 0), textcoords="offset points", va="center")
     ax.tick_params(axis="y", length=0)
     ax.minorticks_off()
 
@@ -53,7 +53,7 @@ def _draw_pairs(ax: Any, numbers: dict[str, Any]) -> None:
     names = ["all pairs", "searched", f"within {numbers['within']:g} em"]
     _points(ax, names, [numbers["pairs"], numbers["computed"], numbers["found"]], [GRAY, ORANGE, BLUE], ",")
     ax.set_xlabel("pairs")
-    letter(ax, "a", f"{numbers['shapes']:,} letters".replace(",", " "))
+    letter(ax, "a", f"{grouped(numbers['shapes'])} letters")
 
 
 def _draw_time(ax: Any, numbers: dict[str, Any]) -> None:

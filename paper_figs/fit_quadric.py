@@ -88,7 +88,8 @@ def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cell
 def _draw_scale(ax: Any) -> None:
     """A unit of length across the view at the depth of the center, below the shapes."""
     across = np.array([-np.sin(np.radians(_VIEW[1])), np.cos(np.radians(_VIEW[1])), 0.0])
-    x, y, _ = proj_transform(*(np.array([-0.5, 0.5]) * across[:, None]), ax.get_proj())
+    ends: Any = across[:, None] * np.array([-0.5, 0.5])
+    x, y, _ = proj_transform(ends[0], ends[1], ends[2], ax.get_proj())
     (left, _), (right, _) = ax.figure.transFigure.inverted().transform(ax.transData.transform(np.transpose([x, y])))
     ax.figure.add_artist(Line2D([left, right], [0.205, 0.205], color=BLACK, linewidth=1.2))
     ax.figure.text(right + 0.008, 0.205, "1", va="center")

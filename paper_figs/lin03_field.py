@@ -15,7 +15,7 @@ our own meshes).
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GRAY, MM, ORANGE, Picture, letter, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, Picture, grouped, letter, style
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -38,7 +38,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         rows, below = parts[0].subplots(2, 2), parts[1].subplots(1, 2)
         for k, case in enumerate(numbers["meshes"]):
             _draw_slice(parts[0], rows[k, 0], case)
-            letter(rows[k, 0], "ac"[k], f"{case['name']}: {case['leaves']:,} cells".replace(",", "\N{THIN SPACE}"))
+            letter(rows[k, 0], "ac"[k], f"{case['name']}: {grouped(case['leaves'])} cells")
             _draw_view(parts[0], rows[k, 1], case)
             letter(rows[k, 1], "bd"[k], "surface extracted, its error")
         _draw_times(below[0], numbers)
@@ -56,10 +56,8 @@ def _inputs(meshes: list[dict[str, Any]]) -> Figure:
             light = np.array(case["input"]["light"], float)
             ax.imshow(0.35 + 0.65 * light, cmap="gray", vmin=0, vmax=1, origin="lower", interpolation="nearest")
             _tight(ax, np.isfinite(light))
-            counts = "\n".join(
-                f"{case[key]:,} {key}".replace(",", "\N{THIN SPACE}") for key in ("vertices", "triangles")
-            )
-            ax.text(0.5, -0.02, counts.replace(",", "\N{THIN SPACE}"), ha="center", va="top", transform=ax.transAxes)
+            counts = "\n".join(f"{grouped(case[key])} {key}" for key in ("vertices", "triangles"))
+            ax.text(0.5, -0.02, counts, ha="center", va="top", transform=ax.transAxes)
             letter(ax, name, case["name"])
         _draw_regions(regions)
         letter(regions, "c", r"signs of $(\alpha, \beta, \gamma)$")
@@ -149,7 +147,7 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
                 continue
             ax.barh(4 * k + j, value, color=color, height=0.8)
             ax.text(value, 4 * k + j, f" {label}, {value:.1f} s".replace(".0 s", " s"), va="center")
-        names.append(f"{case['triangles']:,}\n({count:,})".replace(",", "\N{THIN SPACE}"))
+        names.append(f"{grouped(case['triangles'])}\n({grouped(count)})")
     ax.set_yticks([1, 5], names)
     ax.invert_yaxis()
     ax.set_xlim(0, 1.5 * max(time for _, time in numbers["printed"]))

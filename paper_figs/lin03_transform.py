@@ -120,7 +120,7 @@ def _draw_slice(figure: Figure, ax: Axes, stored: dict[str, Any]) -> None:
     n = len(distance)
     image = ax.imshow(distance.T, origin="lower", cmap="cividis", extent=(0, n, 0, n))
     bar = figure.colorbar(image, ax=ax, shrink=0.9)
-    bar.set_label("distance in voxels")
+    bar.set_label("distance (voxels)")
     x, y = np.nonzero(error > 1e-9)
     if len(x):
         ax.scatter(x + 0.5, y + 0.5, 1.2, marker="s", color="white", linewidth=0)
@@ -157,7 +157,7 @@ def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_xscale("log")
     _size_axis(ax, sizes)
     ax.set_ylim(bottom=-0.004, top=1.5 * max(0.02, ax.get_ylim()[1]))
-    ax.set_ylabel("share of wrong voxels in %")
+    ax.set_ylabel("share of wrong voxels (%)")
     ax.legend(loc="upper left", title="too large, in voxels", alignment="left")
     letter(ax, "d", "errors of the published templates")
 

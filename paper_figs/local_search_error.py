@@ -52,7 +52,7 @@ def _draw_shares(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_ylim(0.01, 100)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter(_PLAIN)
-    ax.set_xlabel("error in % of the diagonal of the box")
+    ax.set_xlabel("error (% of the diagonal of the box)")
     ax.set_ylabel("points with a larger error, %")
     letter(ax, "a", "how large errors are, one vertex a voxel")
 
@@ -68,7 +68,7 @@ def _draw_section(figure: Figure, ax: Axes, section: dict[str, Any]) -> None:
     ax.set_ylabel("$y$")
     bar = figure.colorbar(image, ax=ax, shrink=0.92)
     bar.ax.yaxis.set_major_formatter(_PLAIN)
-    bar.set_label("error in % of the diagonal")
+    bar.set_label("error (% of the diagonal)")
     letter(ax, "b", f"section of the L-profile; white: below {_LOW} %")
 
 

@@ -11,7 +11,7 @@ fifth vertex of 10 000.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, grouped, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -82,7 +82,7 @@ def _draw(ax: Axes, cases: list[dict[str, Any]], values: list[float], name: str,
     ax.loglog([c["vertices"] for c in cases], values, color=color, marker=marker, linestyle=line, label=name, **_MARKS)
     ax.set_xlabel("vertices of the outline")
     # A label at every second number of vertices, and numbers in place of powers of ten on the other axis.
-    ax.set_xticks([case["vertices"] for case in cases[::2]], [f"{case['vertices']:,}" for case in cases[::2]])
+    ax.set_xticks([case["vertices"] for case in cases[::2]], [grouped(case["vertices"]) for case in cases[::2]])
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
     ax.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: f"{y:g}" if _is_short(ax) and f"{y:e}"[0] in "235" else ""))

@@ -10,7 +10,7 @@ wrong on several of a hundred queries.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, grouped, letter, style
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -157,7 +157,7 @@ def _draw_shares(ax: Axes, random: dict[str, Any]) -> None:
     ax.set_yticks(range(len(names)), [_SHORT[name] for name in names])
     ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
-    ax.set_xlabel(f"wrong feet (% of {_grouped(random['count'])})")
+    ax.set_xlabel(f"wrong feet (% of {grouped(random['count'])})")
     ax.legend(loc="lower right", borderaxespad=0.1, handlelength=1.4, title="spread of query")
     letter(ax, "b", "random cubics")
 
@@ -182,12 +182,7 @@ def _draw_times(ax: Axes, speed: dict[str, Any]) -> None:
     ax.set_xlim(min(seconds) / 2, max(seconds) * 4)
     ax.set_ylim(1e-16, 1)
     ax.set(xlabel="time (s)", ylabel="largest error (input units)")
-    letter(ax, "c", f"{_grouped(speed['count'])} queries")
-
-
-def _grouped(number: int) -> str:
-    """The number with thin spaces between groups of three digits."""
-    return f"{number:,}".replace(",", "\u2009")
+    letter(ax, "c", f"{grouped(speed['count'])} queries")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ than their number.
 
 from typing import Any
 
-from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, VERMILLION, Picture, grouped, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -60,7 +60,7 @@ def _draw(ax: Axes, cases: list[dict[str, Any]], name: str, label: str) -> None:
         places, [cases[0]["step"] * x / places[0] for x in places], color=GRAY, linewidth=0.7, label="proportional"
     )
     ax.set_xlabel(label)
-    ax.set_xticks([case[name] for case in cases[::2]], [f"{case[name]:,}" for case in cases[::2]])
+    ax.set_xticks([case[name] for case in cases[::2]], [grouped(case[name]) for case in cases[::2]])
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())

@@ -8,7 +8,7 @@ assumptions that the experiment names.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GRAY, MM, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, MM, VERMILLION, Picture, grouped, letter, style
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
@@ -74,7 +74,7 @@ def _draw_plan(ax: Any, numbers: dict[str, Any]) -> None:
     ax.minorticks_off()
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel(f"hours on {assumed['cores']} cores, busy {assumed['busy']:.0%} of the time")
-    letter(ax, "b", f"planned: {assumed['shapes']:,} shapes".replace(",", " "))
+    letter(ax, "b", f"planned: {grouped(assumed['shapes'])} shapes")
 
 
 def _lasts(hours: float) -> str:
