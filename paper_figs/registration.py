@@ -4,7 +4,8 @@ Numbers by registration's experiment.
 
 Caption: The letter S of one font registered to the S of another font by the Hausdorff distance and by ICP: overlays,
 and the end reached from each starting angle. The best rigid motion is 8 % nearer than the best result of ICP, and the
-best similarity 26 %.
+best similarity 26 %. An exact copy is recovered to rounding from at most half of the starting angles; from the others
+both methods end in local minima.
 """
 
 from typing import Any
