@@ -33,7 +33,8 @@ class Interval(eqx.Module):
     Floats in arithmetic are taken as exact. Ends are zero, normal or infinite. Subnormal ends are moved outward,
     because XLA computes with them as if they were zero. A NaN becomes an infinite end.
 
-    >>> third = Interval.exact(1.0) / 3.0
+    >>> import jhd
+    >>> third = jhd.arithmetic.Interval.exact(1.0) / 3.0
     >>> bool((3.0 * third).contains(1.0)), bool(third.width < 1e-15)
     (True, True)
 

@@ -44,7 +44,8 @@ def as_shape(shape: Any) -> Any:
     - a spline of SciPy (BSpline, NdBSpline), geomdl or splinepy,
     - a shapely geometry, or a matplotlib Path.
 
-    >>> as_shape([[0, 0], [3, 4]]).count, as_shape(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).count
+    >>> import jhd
+    >>> jhd.as_shape([[0, 0], [3, 4]]).count, jhd.as_shape(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).count
     (2, 1)
 
     Args:

@@ -19,7 +19,8 @@ class BezierCurve(AbstractCurve):
 
     Outside [0, 1] the polynomials are extended. Degree 0, a single point, is allowed.
 
-    >>> curve = BezierCurve([[0, 0], [1, 2], [2, 0]])
+    >>> import jhd
+    >>> curve = jhd.BezierCurve([[0, 0], [1, 2], [2, 0]])
     >>> curve(0.5).tolist()
     [1.0, 1.0]
 

@@ -133,8 +133,8 @@ def biarcs(curve: Any, tolerance: Numbers) -> BiarcCurve:
     - pieces that are straight up to rounding,
     - pieces smaller than tolerance / 16 that turn too far for a biarc.
 
-    >>> from jhd._shapes.curve import circle
-    >>> arcs = biarcs(circle([0, 0], 1), 1e-9)
+    >>> import jhd
+    >>> arcs = jhd.biarcs(jhd.circle([0, 0], 1), 1e-9)
     >>> arcs.count, bool(abs(arcs.radius - 1).max() < 1e-12)
     (8, True)
 

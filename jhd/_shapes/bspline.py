@@ -42,7 +42,8 @@ class BSplineCurve(AbstractCurve):
 
     At a knot of multiplicity p + 1 or more the curve may jump; its value there is the limit from the right.
 
-    >>> curve = BSplineCurve([[0, 0], [1, 2], [2, 0]], knots=[0, 0, 0, 1, 1, 1])
+    >>> import jhd
+    >>> curve = jhd.BSplineCurve([[0, 0], [1, 2], [2, 0]], knots=[0, 0, 0, 1, 1, 1])
     >>> curve(0.5).tolist()
     [1.0, 1.0]
 
@@ -88,7 +89,8 @@ class BSplineCurve(AbstractCurve):
     ) -> "BSplineCurve":
         """The spline with the knots 0, 1, ..., points + degree; if closed, a periodic one with one piece per point.
 
-        >>> BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True)(3.0).tolist()
+        >>> import jhd
+        >>> jhd.BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True)(3.0).tolist()
         [5.0, 1.0]
 
         Args:
@@ -113,7 +115,8 @@ class BSplineCurve(AbstractCurve):
 
         The knots are 0, 1, ..., points - degree; the first and the last have multiplicity degree + 1.
 
-        >>> BSplineCurve.clamped([[0, 0], [1, 2], [3, 2], [4, 0]], degree=2).knots.tolist()
+        >>> import jhd
+        >>> jhd.BSplineCurve.clamped([[0, 0], [1, 2], [3, 2], [4, 0]], degree=2).knots.tolist()
         [0.0, 0.0, 0.0, 1.0, 2.0, 2.0, 2.0]
 
         Args:

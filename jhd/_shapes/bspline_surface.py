@@ -30,8 +30,9 @@ class BSplineSurface(AbstractPatch):
     At a knot of multiplicity degree + 1 or more the surface may jump; its value there is the limit from larger
     parameters.
 
+    >>> import jhd
     >>> knots = [0, 0, 1, 1]
-    >>> surface = BSplineSurface([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]], knots, knots)
+    >>> surface = jhd.BSplineSurface([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]], knots, knots)
     >>> surface(0.5, 0.5).tolist()
     [1.0, 1.0, 1.0]
 
@@ -70,7 +71,8 @@ class BSplineSurface(AbstractPatch):
     ) -> "BSplineSurface":
         """The surface that interpolates its four corner points, with uniform inner knots in both parameters.
 
-        >>> BSplineSurface.clamped([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]], (1, 1)).knots_u.tolist()
+        >>> import jhd
+        >>> jhd.BSplineSurface.clamped([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]], (1, 1)).knots_u.tolist()
         [0.0, 0.0, 1.0, 1.0]
 
         Args:

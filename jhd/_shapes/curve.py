@@ -88,7 +88,8 @@ class AbstractCurve(eqx.Module):
         closed contours are kept. The distance between two polylines differs from the distance between their curves by
         at most the sum of both deviations.
 
-        >>> found = circle([0, 0], 1).to_polyline(0.05)
+        >>> import jhd
+        >>> found = jhd.circle([0, 0], 1).to_polyline(0.05)
         >>> found.shape.count, found.deviation < 0.05
         (16, True)
 
@@ -113,7 +114,8 @@ class AbstractCurve(eqx.Module):
         ellipses. Polynomial segments of degree 3 or less are elevated, which is exact except for rounding; `deviation`
         includes this rounding.
 
-        >>> found = circle([0, 0], 1).to_cubics(1e-4)
+        >>> import jhd
+        >>> found = jhd.circle([0, 0], 1).to_cubics(1e-4)
         >>> found.shape.count, found.deviation < 5e-6
         (8, True)
 
@@ -153,7 +155,8 @@ class BezierSegments(AbstractCurve):
     Ends that meet are stored twice, once in each segment. To move an outline without tearing it, build both copies from
     one array.
 
-    >>> corner = BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
+    >>> import jhd
+    >>> corner = jhd.BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
     >>> corner.count, corner.next_segment.tolist()
     (2, [1, -1])
 
@@ -383,7 +386,8 @@ class BezierSegments(AbstractCurve):
     def join(curves: Sequence[AbstractCurve]) -> "BezierSegments":
         """The union of several curves as one, in their largest degree; rational if any of them is.
 
-        >>> BezierSegments.join([polyline([[0, 0], [1, 0]]), point_set([[2, 2]])]).control_points.shape
+        >>> import jhd
+        >>> jhd.BezierSegments.join([jhd.polyline([[0, 0], [1, 0]]), jhd.point_set([[2, 2]])]).control_points.shape
         (2, 2, 2)
 
         Args:
@@ -467,7 +471,8 @@ def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
 def point_set(array: Numbers) -> BezierSegments:
     """A point set as a curve of degree 0, with one segment per point.
 
-    >>> point_set([[0, 0], [3, 4]])
+    >>> import jhd
+    >>> jhd.point_set([[0, 0], [3, 4]])
     BezierSegments(2 points, in the plane, box (0, 0) to (3, 4))
 
     Args:
@@ -486,7 +491,8 @@ def point_set(array: Numbers) -> BezierSegments:
 def polyline(points: Any, closed: bool = False) -> BezierSegments:
     """The straight segments that join consecutive points; a closed polyline also joins the last point to the first.
 
-    >>> polyline([[0, 0], [1, 0], [1, 1]], closed=True).count
+    >>> import jhd
+    >>> jhd.polyline([[0, 0], [1, 0], [1, 1]], closed=True).count
     3
 
     Args:
@@ -522,7 +528,8 @@ def circle(center: Numbers, radius: Numbers) -> BezierSegments:
 
     The weights 1, sqrt(1/2), 1 are rounded, so the stored curve leaves the true circle by about an ulp of the radius.
 
-    >>> circle([0, 0], 2).control_points[0].tolist()
+    >>> import jhd
+    >>> jhd.circle([0, 0], 2).control_points[0].tolist()
     [[2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
 
     Args:

@@ -40,7 +40,8 @@ class ImplicitSurface(eqx.Module):
     Curves without a sign change, for example x^2 + y^2, cannot be proven. They lead to RESULTS.existence_not_certified
     or to wider bounds; under `jit` isolated points do as well.
 
-    >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+    >>> import jhd
+    >>> sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
     >>> float(sphere([1.0, 0.0, 2.0])), sphere.gradient([1.0, 0.0, 2.0]).tolist()
     (4.0, [2.0, 0.0, 4.0])
 
@@ -83,10 +84,11 @@ class ImplicitSurface(eqx.Module):
         Numbers are exact: 0.1 is one tenth. Repeated factors are removed before any rounding. Then every coefficient is
         rounded to the nearest double.
 
-        >>> cone = ImplicitSurface.parse("x^2/4 + y^2/4 - z^2/9", [-2, -2, -2], [2, 2, 2])
+        >>> import jhd
+        >>> cone = jhd.ImplicitSurface.parse("x^2/4 + y^2/4 - z^2/9", [-2, -2, -2], [2, 2, 2])
         >>> [float(cone.coefficients[i]) for i in ((2, 0, 0), (0, 2, 0), (0, 0, 2))]
         [0.25, 0.25, -0.1111111111111111]
-        >>> ImplicitSurface.parse("(z - 0.1)**2", [0, 0, 0], [1, 1, 1]).coefficients.tolist()
+        >>> jhd.ImplicitSurface.parse("(z - 0.1)**2", [0, 0, 0], [1, 1, 1]).coefficients.tolist()
         [[[-1.0, 10.0]]]
 
         Args:
@@ -202,7 +204,8 @@ class ImplicitSurface(eqx.Module):
         closed mesh. All grid cells have one size, so their number depends on the largest curvature and the smallest
         gradient.
 
-        >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+        >>> import jhd
+        >>> sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
         >>> mesh, deviation = sphere.to_mesh(0.1)
         >>> mesh.is_closed, deviation <= 0.1
         (True, True)

@@ -28,7 +28,8 @@ class TriangleMesh(eqx.Module):
     Degenerate triangles count as the segments or points that they are. Vertices that belong to no triangle are kept,
     but are not part of the surface.
 
-    >>> square = TriangleMesh([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> import jhd
+    >>> square = jhd.TriangleMesh([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]], [[0, 1, 2], [0, 2, 3]])
     >>> float(square.area), square.is_closed, square.normals[0].tolist()
     (4.0, False, [0.0, 0.0, 1.0])
 

@@ -172,7 +172,8 @@ class AbstractPatch(eqx.Module):
         cracks. Degenerate triangles, for example at poles, are kept. The distance between two meshes differs from the
         distance between their surfaces by at most the sum of both deviations.
 
-        >>> mesh, deviation = BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]).to_mesh(0.5)
+        >>> import jhd
+        >>> mesh, deviation = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]).to_mesh(0.5)
         >>> mesh.count, deviation <= 0.5
         (8, True)
 
@@ -207,7 +208,8 @@ class BezierPatch(AbstractPatch):
     Rows belong to u and columns to v; the degrees are rows - 1 and columns - 1. Outside [0, 1] the polynomials are
     extended. Degree 0 is allowed.
 
-    >>> patch = BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
+    >>> import jhd
+    >>> patch = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
     >>> patch(0.5, 0.5).tolist()
     [1.0, 1.0, 1.0]
 
@@ -311,8 +313,9 @@ class BezierPatches(AbstractPatch):
 
     A call takes u in [k, k + 1] and v in [0, 1] for patch k; the method `point` takes the index of the patch.
 
+    >>> import jhd
     >>> net = [[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
-    >>> BezierPatches([net]).count, BezierPatches([net]).degrees
+    >>> jhd.BezierPatches([net]).count, jhd.BezierPatches([net]).degrees
     (1, (1, 1))
 
     Args:
@@ -388,8 +391,9 @@ class BezierPatches(AbstractPatch):
     def join(surfaces: Sequence[AbstractPatch]) -> "BezierPatches":
         """The union of several surfaces as one, in their largest degrees; rational if any of them is.
 
-        >>> patch = BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
-        >>> BezierPatches.join([patch, patch]).count
+        >>> import jhd
+        >>> patch = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
+        >>> jhd.BezierPatches.join([patch, patch]).count
         2
 
         Args:

@@ -73,9 +73,9 @@ def prepare(shape: Any) -> Prepared:
     are always kept; hold the result if you query many others in between. Data of a pair of shapes are kept only for the
     last few pairs. Curves need no preparation.
 
-    >>> from jhd._shapes.patch import BezierPatch
-    >>> patch = BezierPatch([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]])
-    >>> prepare(patch) is prepare(patch)
+    >>> import jhd
+    >>> patch = jhd.BezierPatch([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]])
+    >>> jhd.prepare(patch) is jhd.prepare(patch)
     True
 
     Args:
