@@ -17,11 +17,11 @@ def load_certificate(file: str | Path) -> Certificate:
     """Load a certificate from a file, compressed or not; `jhd.verify` checks its claim.
 
     >>> from tempfile import TemporaryDirectory
-    >>> from jhd import certify, directed_hausdorff, point_set
-    >>> a, b = point_set([[0, 0]]), point_set([[3, 4]])
+    >>> import jhd
+    >>> a, b = jhd.point_set([[0, 0]]), jhd.point_set([[3, 4]])
     >>> with TemporaryDirectory() as folder:
-    ...     certify(a, b, directed_hausdorff(a, b)).save(f"{folder}/certificate.json")
-    ...     round(verify(load_certificate(f"{folder}/certificate.json")).upper, 9)
+    ...     jhd.certify(a, b, jhd.directed_hausdorff(a, b)).save(f"{folder}/certificate.json")
+    ...     round(jhd.verify(jhd.io.load_certificate(f"{folder}/certificate.json")).upper, 9)
     5.0
 
     Args:

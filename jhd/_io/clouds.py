@@ -17,11 +17,14 @@ CLOUD_SUFFIXES = (".xyz", ".csv", ".txt", ".npy")
 def load_points(file: str | Path) -> BezierSegments:
     r"""Load a point set from a text, NumPy or PLY file.
 
+    >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import jhd
     >>> with TemporaryDirectory() as folder:
     ...     file = Path(folder, "cloud.npy")
     ...     np.save(file, [(0.0, 0, 0), (3, 4, 0)])
-    ...     load_points(file)
+    ...     jhd.io.load_points(file)
     BezierSegments(2 points, in space, box (0, 0, 0) to (3, 4, 0))
 
     Args:

@@ -37,7 +37,8 @@ CURVE_KINDS: Kinds = {
 def curve_to_dict(curve: AbstractCurve) -> dict[str, Any]:
     """A dictionary of a curve for JSON: its type and its arrays as nested lists, without empty keys.
 
-    >>> curve_to_dict(BezierCurve([[0, 0], [1, 2], [2, 0]]))
+    >>> import jhd
+    >>> jhd.io.curve_to_dict(jhd.BezierCurve([[0, 0], [1, 2], [2, 0]]))
     {'type': 'BezierCurve', 'control_points': [[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]}
 
     Args:
@@ -59,7 +60,9 @@ def curve_to_dict(curve: AbstractCurve) -> dict[str, Any]:
 def curve_from_dict(content: Any) -> AbstractCurve:
     """The curve that a dictionary describes: the inverse of `curve_to_dict`.
 
-    >>> curve_from_dict({"type": "polyline", "points": [[0, 0], [1, 0], [1, 1]], "closed": True}).segments().count
+    >>> import jhd
+    >>> content = {"type": "polyline", "points": [[0, 0], [1, 0], [1, 1]], "closed": True}
+    >>> jhd.io.curve_from_dict(content).segments().count
     3
 
     Args:
@@ -82,9 +85,10 @@ def save_curve(file: str | Path, curve: AbstractCurve) -> None:
     """Write a curve to a file; the suffix selects the format.
 
     >>> from tempfile import TemporaryDirectory
+    >>> import jhd
     >>> with TemporaryDirectory() as folder:
-    ...     save_curve(f"{folder}/curve.json", BezierCurve([[0, 0], [1, 2], [2, 0]]))
-    ...     load_curve(f"{folder}/curve.json").control_points.tolist()
+    ...     jhd.io.save_curve(f"{folder}/curve.json", jhd.BezierCurve([[0, 0], [1, 2], [2, 0]]))
+    ...     jhd.io.load_curve(f"{folder}/curve.json").control_points.tolist()
     [[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]
 
     Args:
@@ -114,9 +118,10 @@ def load_curve(file: str | Path) -> AbstractCurve:
     """Load a curve from a JSON or SVG file; `load_shape` reads other formats too.
 
     >>> from tempfile import TemporaryDirectory
+    >>> import jhd
     >>> with TemporaryDirectory() as folder:
-    ...     save_curve(f"{folder}/corner.svg", polyline([[0, 0], [1, 0], [1, 1]]))
-    ...     load_curve(f"{folder}/corner.svg").count
+    ...     jhd.io.save_curve(f"{folder}/corner.svg", jhd.polyline([[0, 0], [1, 0], [1, 1]]))
+    ...     jhd.io.load_curve(f"{folder}/corner.svg").count
     2
 
     Args:

@@ -8,7 +8,8 @@ from pathlib import Path
 class ParseError(ValueError):
     """Text or a file cannot be read; the message starts with file, line and column, as in compilers.
 
-    >>> print(ParseError("needs numbers; found 'x'.", "cloud.xyz", 3))
+    >>> import jhd
+    >>> print(jhd.io.ParseError("needs numbers; found 'x'.", "cloud.xyz", 3))
     cloud.xyz:3: needs numbers; found 'x'.
 
     Args:

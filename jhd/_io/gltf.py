@@ -54,7 +54,7 @@ def _chunks(file: str, content: bytes) -> tuple[bytes, bytes | None]:
     while place + 8 <= len(content):
         size, kind = int.from_bytes(content[place : place + 4], "little"), content[place + 4 : place + 8]
         if place + 8 + size > len(content):
-            raise ParseError(f"byte {place}: a chunk of {size} bytes ends behind the file.", file)
+            raise ParseError(f"byte {place}: a chunk of {size} bytes ends beyond the file.", file)
         found.setdefault(kind, content[place + 8 : place + 8 + size])
         place += 8 + size
     if _JSON not in found:
@@ -102,7 +102,7 @@ class _Scene:
         if not (count > 0 and stride >= row and start >= 0 and end <= size and start - found.get("byteOffset", 0) >= 0):
             raise ParseError(f"glTF: accessors[{index}] does not fit its bufferView.", self.file)
         if view.get("byteOffset", 0) + size > len(data):
-            raise ParseError(f"glTF: a bufferView ends behind its buffer of {len(data)} bytes.", self.file)
+            raise ParseError(f"glTF: a bufferView ends beyond its buffer of {len(data)} bytes.", self.file)
         return np.ndarray((count, columns), dtype, data, start, (stride, dtype.itemsize))
 
     def buffer(self, index: Any) -> bytes:

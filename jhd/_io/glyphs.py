@@ -42,7 +42,8 @@ class _OutgrownError(Exception):
 def load_glyph(font: str | Path, text: str, *, size: float | int | None = None) -> BezierSegments:
     """The outline of a letter, or of a text without kerning: all contours as one curve, with y up.
 
-    >>> load_glyph("DejaVu Sans", "l").control_points[0].tolist()
+    >>> import jhd
+    >>> jhd.io.load_glyph("DejaVu Sans", "l").control_points[0].tolist()
     [[193.0, 1556.0], [377.0, 1556.0]]
 
     Args:
@@ -71,7 +72,8 @@ def load_glyph(font: str | Path, text: str, *, size: float | int | None = None) 
 def load_glyphs(font: str | Path, *, size: float | int | None = None) -> dict[str, BezierSegments]:
     """The outlines of all letters of a font that have one, in the order of their code points.
 
-    >>> load_glyphs("STIXSizeFiveSym")["_"].count
+    >>> import jhd
+    >>> jhd.io.load_glyphs("STIXSizeFiveSym")["_"].count
     4
 
     Args:
@@ -125,7 +127,8 @@ def _outlines(
 def parse_font_spec(spec: str) -> tuple[str, str]:
     """Font and text of `font:NAME:TEXT`; the name may contain colons, and the text may be a colon.
 
-    >>> parse_font_spec("font:DejaVu Sans:a")
+    >>> import jhd
+    >>> jhd.io.parse_font_spec("font:DejaVu Sans:a")
     ('DejaVu Sans', 'a')
 
     Args:

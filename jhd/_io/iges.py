@@ -61,10 +61,10 @@ def load_iges(file: str | Path, unit: str | None = "MM") -> list[IgesShape]:
     parameters that their entity names.
 
     >>> from tempfile import TemporaryDirectory
-    >>> from jhd._io.iges_writer import save_iges
+    >>> import jhd
     >>> with TemporaryDirectory() as folder:
-    ...     save_iges(f"{folder}/curve.igs", BezierCurve([[0, 0, 0], [1, 2, 0], [2, 0, 0]]))
-    ...     load_iges(f"{folder}/curve.igs")[0].control_points.tolist()
+    ...     jhd.io.save_iges(f"{folder}/curve.igs", jhd.BezierCurve([[0, 0, 0], [1, 2, 0], [2, 0, 0]]))
+    ...     jhd.io.load_iges(f"{folder}/curve.igs")[0].control_points.tolist()
     [[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [2.0, 0.0, 0.0]]
 
     Args:

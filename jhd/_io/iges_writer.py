@@ -52,10 +52,10 @@ def save_iges(
     so does each of several patches. Rational shapes stay rational.
 
     >>> from tempfile import TemporaryDirectory
-    >>> from jhd._io.iges import load_iges
+    >>> import jhd
     >>> with TemporaryDirectory() as folder:
-    ...     save_iges(f"{folder}/curve.igs", BezierCurve([[0, 0], [1, 2], [2, 0]]))
-    ...     load_iges(f"{folder}/curve.igs")[0].control_points.tolist()
+    ...     jhd.io.save_iges(f"{folder}/curve.igs", jhd.BezierCurve([[0, 0], [1, 2], [2, 0]]))
+    ...     jhd.io.load_iges(f"{folder}/curve.igs")[0].control_points.tolist()
     [[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [2.0, 0.0, 0.0]]
 
     Args:

@@ -41,7 +41,8 @@ def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh
     - `.xyz`, `.csv`, `.txt`, `.npy`, and `.ply` without faces: a point set, see `load_points`
     - `.geojson`, `.wkt`: the points, lines and rings of all geometries, in the unit of the file, with shapely
 
-    >>> load_shape("M0 0 H4 V2 Z").count, load_shape("font:DejaVu Sans:l").count
+    >>> import jhd
+    >>> jhd.io.load_shape("M0 0 H4 V2 Z").count, jhd.io.load_shape("font:DejaVu Sans:l").count
     (3, 4)
 
     Args:

@@ -31,10 +31,11 @@ def load_mesh(file: str | Path) -> TriangleMesh:
     """Load a triangle mesh from an OBJ, STL, PLY, OFF, glTF or 3MF file.
 
     >>> from tempfile import TemporaryDirectory
-    >>> triangle = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> import jhd
+    >>> triangle = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     >>> with TemporaryDirectory() as folder:
-    ...     save_mesh(f"{folder}/triangle.off", triangle)
-    ...     load_mesh(f"{folder}/triangle.off").triangles.tolist()
+    ...     jhd.io.save_mesh(f"{folder}/triangle.off", triangle)
+    ...     jhd.io.load_mesh(f"{folder}/triangle.off").triangles.tolist()
     [[0, 1, 2]]
 
     Args:
@@ -64,10 +65,11 @@ def save_mesh(file: str | Path, mesh: Any, *, text: bool = False) -> None:
     vertices, and binary STL files have single precision.
 
     >>> from tempfile import TemporaryDirectory
-    >>> triangle = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> import jhd
+    >>> triangle = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     >>> with TemporaryDirectory() as folder:
-    ...     save_mesh(f"{folder}/triangle.ply", triangle)
-    ...     load_mesh(f"{folder}/triangle.ply").vertices.tolist()
+    ...     jhd.io.save_mesh(f"{folder}/triangle.ply", triangle)
+    ...     jhd.io.load_mesh(f"{folder}/triangle.ply").vertices.tolist()
     [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
     Args:
@@ -175,7 +177,7 @@ def _read_off(file: object, content: bytes) -> Polygons:
             sizes.append(size)
             polygon_lines.append(number)
         else:
-            message = f"a row is left behind {counts[0]} vertices and {counts[1]} faces: {shown(' '.join(words[:9]))}."
+            message = f"a row follows {counts[0]} vertices and {counts[1]} faces: {shown(' '.join(words[:9]))}."
             raise ParseError(message, file, number)
     for name, found, wanted in (("vertices", vertices, counts[0]), ("faces", sizes, counts[1])):
         if len(found) < wanted:

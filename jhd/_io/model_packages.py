@@ -91,7 +91,7 @@ def _parts(file: str, package: zipfile.ZipFile) -> Iterator[ScenePart]:
             what = "is not there" if placed.key not in objects else "contains itself, or too many levels of others"
             raise ParseError(f"3MF: the object {shown(placed.key)} in {shown(name)} {what}.", file)
         if unit != model(start)[2]:
-            raise ParseError(f"3MF: {shown(name)} has the unit {shown(unit)}; needs that of {shown(start)}.", file)
+            raise ParseError(f"3MF: {shown(name)} has the unit {shown(unit)}; needs the unit of {shown(start)}.", file)
         found = objects[placed.key]
         with np.errstate(all="ignore"):
             matrix = above @ placed.matrix

@@ -27,8 +27,8 @@ def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False)
     Parameters are kept. BezierSegments become one spline in which segment k has the parameters [k, k + 1]. A periodic
     curve gets extrapolate="periodic".
 
-    >>> from jhd._shapes.bezier import BezierCurve
-    >>> to_scipy(BezierCurve([[0, 0], [1, 2], [2, 0]])).t.tolist()
+    >>> import jhd
+    >>> jhd.io.to_scipy(jhd.BezierCurve([[0, 0], [1, 2], [2, 0]])).t.tolist()
     [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
 
     Args:
@@ -93,8 +93,8 @@ def to_geomdl(surface: AbstractPatch) -> dict[str, Any]:
     Set them in the order of the dictionary, but `ctrlpts_size_u` and `ctrlpts_size_v` before `ctrlpts`. Weights are
     separate, not multiplied into the points.
 
-    >>> from jhd._shapes.patch import BezierPatch
-    >>> to_geomdl(BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]))["knotvector_u"]
+    >>> import jhd
+    >>> jhd.io.to_geomdl(jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]))["knotvector_u"]
     [0.0, 0.0, 1.0, 1.0]
 
     Args:
@@ -128,8 +128,8 @@ def to_shapely(curve: AbstractCurve, tolerance: float | None = None, *, filled: 
     kept bit for bit. Closed contours become closed lines. A filled curve bounds the points inside an odd number of its
     contours; open contours are then refused.
 
-    >>> from jhd._shapes.curve import polyline
-    >>> to_shapely(polyline([[0, 0], [1, 0], [1, 1]], closed=True), filled=True).area
+    >>> import jhd
+    >>> jhd.io.to_shapely(jhd.polyline([[0, 0], [1, 0], [1, 1]], closed=True), filled=True).area
     0.5
 
     Args:
@@ -143,7 +143,7 @@ def to_shapely(curve: AbstractCurve, tolerance: float | None = None, *, filled: 
 
     Raises:
         ImportError: shapely is not installed.
-        ValueError: a curved curve without `tolerance`, a point set, or `filled` contours that are open or cross.
+        ValueError: curved segments without `tolerance`, a point set, or `filled` contours that are open or cross.
         TypeError: not a curve.
     """
     check_curve("curve", curve)
@@ -203,8 +203,8 @@ _LENGTH = 1e-9
 def to_path(curve: AbstractCurve, tolerance: float | None = None) -> Any:
     """A matplotlib Path of a plane curve: polynomial segments of degree 1 to 3 bit for bit, others as cubics.
 
-    >>> from jhd._shapes.curve import polyline
-    >>> to_path(polyline([[0, 0], [1, 0], [1, 1]])).vertices.tolist()
+    >>> import jhd
+    >>> jhd.io.to_path(jhd.polyline([[0, 0], [1, 0], [1, 1]])).vertices.tolist()
     [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
 
     Args:

@@ -196,7 +196,7 @@ def _text(file: object, content: bytes, start: int, header_lines: int) -> _Reade
     def end() -> None:
         number, words = next(filled, (0, []))
         if words:
-            raise ParseError(f"a row is left behind the last element: {shown(' '.join(words[:9]))}.", file, number)
+            raise ParseError(f"a row follows the last element: {shown(' '.join(words[:9]))}.", file, number)
 
     return rows, end
 
@@ -233,7 +233,7 @@ def _binary(file: object, content: bytes, start: int, order: str) -> _Reader:
 
     def end() -> None:
         if content[at:].strip():
-            raise ParseError(f"byte {at}: {len(content) - at} bytes are left behind the last element.", file)
+            raise ParseError(f"byte {at}: {len(content) - at} bytes follow the last element.", file)
 
     return rows, end
 

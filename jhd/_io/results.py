@@ -28,11 +28,11 @@ def save_result(file: str | Path, solution: eqx.Module, /, **context: Any) -> No
     """Write a result, for example a `HausdorffSolution` or a batch of them, to a JSON or npz file.
 
     >>> from tempfile import TemporaryDirectory
-    >>> from jhd import directed_hausdorff, point_set
+    >>> import jhd
     >>> with TemporaryDirectory() as folder:
-    ...     solution = directed_hausdorff(point_set([[0, 0]]), point_set([[3, 4]]))
-    ...     save_result(f"{folder}/result.json", solution, seed=7)
-    ...     content = load_result(f"{folder}/result.json")
+    ...     solution = jhd.directed_hausdorff(jhd.point_set([[0, 0]]), jhd.point_set([[3, 4]]))
+    ...     jhd.io.save_result(f"{folder}/result.json", solution, seed=7)
+    ...     content = jhd.io.load_result(f"{folder}/result.json")
     >>> content["solution"]["value"], content["context"]
     (5.0, {'seed': 7})
 
@@ -67,10 +67,11 @@ def load_result(file: str | Path) -> dict[str, Any]:
     """Load a result that `save_result` wrote.
 
     >>> from tempfile import TemporaryDirectory
-    >>> from jhd import directed_hausdorff, point_set
+    >>> import jhd
     >>> with TemporaryDirectory() as folder:
-    ...     save_result(f"{folder}/result.json", directed_hausdorff(point_set([[0, 0]]), point_set([[3, 4]])))
-    ...     content = load_result(f"{folder}/result.json")
+    ...     solution = jhd.directed_hausdorff(jhd.point_set([[0, 0]]), jhd.point_set([[3, 4]]))
+    ...     jhd.io.save_result(f"{folder}/result.json", solution)
+    ...     content = jhd.io.load_result(f"{folder}/result.json")
     >>> content["type"], content["solution"]["value"]
     ('HausdorffSolution', 5.0)
 
@@ -185,8 +186,8 @@ def _nested(arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
         for parent in parents:
             place = place.setdefault(parent, {})
             if not isinstance(place, dict):
-                raise ValueError(f"{joined!r} is inside of what is an array itself.")
+                raise ValueError(f"{joined!r} is a part of an entry that is an array itself.")
         if last in place:
-            raise ValueError(f"{joined!r} is an array and holds others.")
+            raise ValueError(f"{joined!r} is an array and has parts.")
         place[last] = array
     return content

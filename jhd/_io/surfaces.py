@@ -29,8 +29,9 @@ SURFACE_KINDS: Kinds = {
 def surface_to_dict(surface: AbstractPatch) -> dict[str, Any]:
     """A dictionary of a surface for JSON: its type and its arrays as nested lists, without empty keys.
 
+    >>> import jhd
     >>> net = [[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
-    >>> sorted(surface_to_dict(BezierPatch(net)))
+    >>> sorted(jhd.io.surface_to_dict(jhd.BezierPatch(net)))
     ['control_points', 'type']
 
     Args:
@@ -51,8 +52,9 @@ def surface_to_dict(surface: AbstractPatch) -> dict[str, Any]:
 def surface_from_dict(content: Any) -> AbstractPatch:
     """The surface that a dictionary describes: the inverse of `surface_to_dict`.
 
+    >>> import jhd
     >>> net = [[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
-    >>> surface_from_dict({"type": "BezierPatch", "control_points": net})(0.5, 0.5).tolist()
+    >>> jhd.io.surface_from_dict({"type": "BezierPatch", "control_points": net})(0.5, 0.5).tolist()
     [1.0, 1.0, 1.0]
 
     Args:
@@ -73,9 +75,11 @@ def save_surface(file: str | Path, surface: AbstractPatch) -> None:
     """Write a parametric surface to a file; the suffix selects the format.
 
     >>> from tempfile import TemporaryDirectory
+    >>> import jhd
+    >>> patch = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
     >>> with TemporaryDirectory() as folder:
-    ...     save_surface(f"{folder}/patch.json", BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]))
-    ...     load_surface(f"{folder}/patch.json").degrees
+    ...     jhd.io.save_surface(f"{folder}/patch.json", patch)
+    ...     jhd.io.load_surface(f"{folder}/patch.json").degrees
     (1, 1)
 
     Args:
@@ -101,9 +105,11 @@ def load_surface(file: str | Path) -> AbstractPatch:
     """Load a parametric surface from a JSON file; `load_iges` and `load_shape` read IGES files.
 
     >>> from tempfile import TemporaryDirectory
+    >>> import jhd
+    >>> patch = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
     >>> with TemporaryDirectory() as folder:
-    ...     save_surface(f"{folder}/patch.json", BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]))
-    ...     load_surface(f"{folder}/patch.json").degrees
+    ...     jhd.io.save_surface(f"{folder}/patch.json", patch)
+    ...     jhd.io.load_surface(f"{folder}/patch.json").degrees
     (1, 1)
 
     Args:

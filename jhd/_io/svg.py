@@ -29,7 +29,8 @@ def parse_path(d: str) -> BezierSegments:
     segments keep their numbers and are elevated to the largest degree of the path. y is the second number, in whichever
     direction it points.
 
-    >>> parse_path("M0 0 H4 V2 Z").control_points[:, 0].tolist()
+    >>> import jhd
+    >>> jhd.io.parse_path("M0 0 H4 V2 Z").control_points[:, 0].tolist()
     [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0]]
 
     Args:
@@ -61,9 +62,10 @@ def load_svg(file: str | Path, ids: str | Sequence[str] | None = None, *, y_up: 
     Styles and style sheets that set positions or sizes are refused.
 
     >>> from tempfile import TemporaryDirectory
+    >>> import jhd
     >>> with TemporaryDirectory() as folder:
-    ...     _ = save_svg(f"{folder}/corner.svg", parse_path("M0 0 H4 V2"))
-    ...     load_svg(f"{folder}/corner.svg", y_up=True).control_points[:, 1].tolist()
+    ...     _ = jhd.io.save_svg(f"{folder}/corner.svg", jhd.io.parse_path("M0 0 H4 V2"))
+    ...     jhd.io.load_svg(f"{folder}/corner.svg", y_up=True).control_points[:, 1].tolist()
     [[4.0, 0.0], [4.0, -2.0]]
 
     Args:
@@ -115,7 +117,8 @@ def format_path(curve: AbstractCurve, *, tolerance: float | None = None) -> str:
     ellipses are written as arcs; the arc that `parse_path` reads back is within tolerance, certified. Other segments
     are approximated by cubics.
 
-    >>> format_path(parse_path("M0 0 L4 .5 A2 2 0 0 1 8 .5"))
+    >>> import jhd
+    >>> jhd.io.format_path(jhd.io.parse_path("M0 0 L4 .5 A2 2 0 0 1 8 .5"))
     'M0.0,0.0 Q2.0,0.25 4.0,0.5 A2 2 0 0 1 6.0,-1.5 A2 2 0 0 1 8.0,0.5'
 
     Args:
@@ -148,7 +151,8 @@ def save_svg(
     Arcs of ellipses and segments that paths cannot hold are written as in `format_path`. Each curve is one path with
     the id curve0, curve1, ... The viewBox is the bounding box of the control points with a margin.
 
-    >>> print(save_svg(None, parse_path("M0 0 H4 V2")).splitlines()[1].strip())
+    >>> import jhd
+    >>> print(jhd.io.save_svg(None, jhd.io.parse_path("M0 0 H4 V2")).splitlines()[1].strip())
     <path id="curve0" d="M0.0,0.0 L4.0,0.0 L4.0,2.0"/>
 
     Args:

@@ -208,7 +208,7 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
     element.check_placed_by_attributes()
     place.left[0] -= 1
     if place.left[0] < 0:
-        raise element.error("is drawn after too many others: by <use>, elements are drawn again far beyond the file.")
+        raise element.error("is drawn after too many others: <use> elements draw far more than the file holds.")
     if len(place.uses) > _MOST_USES:
         raise element.error(f"is inside {_MOST_USES} uses of uses; deeper ones are not read.")
     place = _enter(element, place)

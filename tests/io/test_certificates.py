@@ -108,7 +108,7 @@ def test_verify_compares_with_the_shapes_at_hand(made, file, tmp_path, capsys):
 
 def test_a_hash_that_is_not_that_of_the_arrays_is_refused(made, file):
     edited(file, made.content["a"]["sha256"], "0" * 64)
-    with pytest.raises(jhd.CertificateError, match="a.sha256 is '0000.*, which is not that of its arrays"):
+    with pytest.raises(jhd.CertificateError, match="a.sha256 is '0000.*, which is not the hash of its arrays"):
         load_certificate(file)
 
 

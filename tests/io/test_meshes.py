@@ -230,7 +230,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         (
             "a.ply",
             (HEADER.format("binary_little_endian") + FACES).encode() + bytes(48) + b"\x03" + bytes(12) + b"xy",
-            "2 bytes are left behind the last element",
+            "2 bytes follow the last element",
         ),
     ],
 )  # fmt: skip
