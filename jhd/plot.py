@@ -1,9 +1,9 @@
-"""Pictures of shapes, witnesses, distances along a curve or as colors, and the cells of a surface.
+"""Pictures of shapes, of witnesses, of distances (as profiles of curves or as colors), and of the cells of a surface.
 
 Every function takes axes and returns them. Without axes it creates a figure 85 mm wide (one column of a journal) with
 pyplot, which is imported only then. Global settings stay unchanged. Lengths on the axes are in the unit of the input
-coordinates. Colors are those of Okabe & Ito; line styles and markers keep them apart in print without color. Every
-artist has a gid (`witness`, `feet`, ...), by which you can find and restyle it, also in an SVG file.
+coordinates. The colors are from Okabe & Ito; line styles and markers distinguish the shapes in print without color.
+Every artist has a gid (`witness`, `feet`, ...); use it to find and restyle the artist, also in an SVG file.
 
 A picture is no proof: curves, surfaces and profiles are drawn from samples.
 """

@@ -49,9 +49,10 @@ class AdaptiveDistanceField(eqx.Module):
     In mode "band" the field is refined near the surface and coarse elsewhere. If the mesh is closed, every leaf that
     misses the surface has all corners on one side, so the sign is correct there. Mode "full" refines everywhere.
 
+    >>> import jhd
     >>> corners = [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]
-    >>> mesh = TriangleMesh(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-    >>> field = AdaptiveDistanceField.build(mesh, tolerance=0.5)
+    >>> mesh = jhd.TriangleMesh(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+    >>> field = jhd.AdaptiveDistanceField.build(mesh, tolerance=0.5)
     >>> abs(float(field([0.0, 0.0, 0.0])) + 3**-0.5) < 0.5
     True
 

@@ -138,8 +138,8 @@ def distance_map(
 ) -> DistanceMap:
     """Distances to a plane curve on a grid of pixels, with the nearest arc of each pixel.
 
-    >>> from jhd._shapes.curve import polyline
-    >>> found = distance_map(polyline([(0, 0), (2, 0)]), [0, 0], [2, 2], 2)
+    >>> import jhd
+    >>> found = jhd.distance_map(jhd.polyline([(0, 0), (2, 0)]), [0, 0], [2, 2], 2)
     >>> [[round(x, 3) for x in column] for column in found.distance.tolist()]
     [[0.5, 1.5], [0.5, 1.5]]
 

@@ -70,7 +70,8 @@ def distance_transform(features: Any, spacing: Numbers = 1.0, *, method: str = "
     If several features are equally near, any of them may be returned. Works under jit and vmap. The distances are
     differentiable in the spacing, with the features held fixed.
 
-    >>> transform = distance_transform([False, False, True, False], spacing=0.5)
+    >>> import jhd
+    >>> transform = jhd.distance_transform([False, False, True, False], spacing=0.5)
     >>> transform.distance.tolist(), transform.nearest[:, 0].tolist()
     ([1.0, 0.5, 0.0, 0.5], [2, 2, 2, 2])
 
@@ -103,7 +104,8 @@ def signed_distance_transform(inside: Any, spacing: Numbers = 1.0) -> Float[Arra
     distance to the nearest outside voxel. The value is infinite if nothing is inside, and minus infinity if nothing is
     outside.
 
-    >>> signed_distance_transform([False, False, True, True]).tolist()
+    >>> import jhd
+    >>> jhd.signed_distance_transform([False, False, True, True]).tolist()
     [2.0, 1.0, -1.0, -2.0]
 
     Args:

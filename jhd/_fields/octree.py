@@ -92,8 +92,9 @@ def voxelize(
 
     The working memory is bounded; the result takes 13 bytes a cell.
 
-    >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
-    >>> found = voxelize(sphere, 2)
+    >>> import jhd
+    >>> sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+    >>> found = jhd.voxelize(sphere, 2)
     >>> found.count, int(found.proven.sum())
     (8, 8)
 

@@ -78,9 +78,11 @@ def minimize_hausdorff(
     - With another statistic, shapes of all kinds can be fitted, also to point sets. For example,
       `QuantileDistance(0.9, directed=True)` ignores up to 10 % of outliers in a scan.
 
-    >>> from jhd._shapes.curve import BezierSegments, circle
-    >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
-    >>> fit = minimize_hausdorff(lambda h: BezierSegments(jnp.array([[(1, 0), (1, h), (h, 1), (0, 1)]])), 0.5, quarter)
+    >>> import jax.numpy as jnp
+    >>> import jhd
+    >>> quarter = jhd.BezierSegments(jhd.circle([0, 0], 1).control_points[:1], jhd.circle([0, 0], 1).weights[:1])
+    >>> build = lambda h: jhd.BezierSegments(jnp.array([[(1, 0), (1, h), (h, 1), (0, 1)]]))
+    >>> fit = jhd.minimize_hausdorff(build, 0.5, quarter)
     >>> round(float(fit.parameters), 6), round(float(fit), 6)
     (0.551915, 0.000196)
 
@@ -183,9 +185,9 @@ def fit_curve(
     The start is a least-squares fit to points of the target. A fit with free ends starts from the fit with fixed ends,
     so its error is never larger. The result is a local minimum.
 
-    >>> from jhd._shapes.curve import BezierSegments, circle
-    >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
-    >>> round(float(fit_curve(quarter, degree=3)), 9)
+    >>> import jhd
+    >>> quarter = jhd.BezierSegments(jhd.circle([0, 0], 1).control_points[:1], jhd.circle([0, 0], 1).weights[:1])
+    >>> round(float(jhd.fit_curve(quarter, degree=3)), 9)
     6.844e-05
 
     Args:
@@ -295,9 +297,9 @@ def fit_outline(
     If a contour exceeds the tolerance even with `max_segments`, its `error` says so. The end points of open contours
     are kept. A closed contour starts at a corner if it has one.
 
-    >>> from jhd._shapes.curve import BezierSegments, circle
-    >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
-    >>> [fit] = fit_outline(quarter, 1e-3)
+    >>> import jhd
+    >>> quarter = jhd.BezierSegments(jhd.circle([0, 0], 1).control_points[:1], jhd.circle([0, 0], 1).weights[:1])
+    >>> [fit] = jhd.fit_outline(quarter, 1e-3)
     >>> fit.shape.count, bool(fit.error.upper <= 1e-3)
     (1, True)
 

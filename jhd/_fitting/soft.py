@@ -77,9 +77,9 @@ def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdor
     Start with a temperature of a third of the distance and lower it, so that S tends to H. The cost is one `hausdorff`
     and the feet of the samples. Works under jit, vmap and grad, for first derivatives.
 
-    >>> from jhd._shapes.curve import polyline
-    >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
-    >>> [round(float(soft_hausdorff(a, b, temperature)), 4) for temperature in (0.1, 0.01)]
+    >>> import jhd
+    >>> a, b = jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 1)])
+    >>> [round(float(jhd.soft_hausdorff(a, b, temperature)), 4) for temperature in (0.1, 0.01)]
     [1.4159, 1.0416]
 
     Args:

@@ -28,9 +28,9 @@ def curve(
 ) -> Any:
     """Axes with a plane or space curve; point sets are drawn as dots, contours that are not joined stay separate.
 
-    >>> from jhd._shapes.curve import polyline
     >>> from matplotlib.figure import Figure
-    >>> ax = curve(polyline([(0, 0), (1, 1)]), Figure().add_subplot())
+    >>> import jhd
+    >>> ax = jhd.plot.curve(jhd.polyline([(0, 0), (1, 1)]), Figure().add_subplot())
     >>> [line.get_gid() for line in ax.lines]
     ['curve']
 
@@ -84,10 +84,10 @@ def distance_profile(
     The parameter is global: segment k has the parameters [k, k + 1]. Circles mark the local maxima that the samples
     show, which are the candidates for the witness. Vertical lines mark the boundaries of segments.
 
-    >>> from jhd._shapes.curve import polyline
     >>> from matplotlib.figure import Figure
-    >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
-    >>> distance_profile(a, b, Figure().add_subplot()).get_ylabel()
+    >>> import jhd
+    >>> a, b = jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 1)])
+    >>> jhd.plot.distance_profile(a, b, Figure().add_subplot()).get_ylabel()
     'distance to B (input units)'
 
     Args:

@@ -45,10 +45,10 @@ def deviation(
     inset of the farthest point: a section of both shapes through this point and its foot. Shapes in space are seen from
     the side of the farthest point.
 
-    >>> import jhd
     >>> from matplotlib.figure import Figure
+    >>> import jhd
     >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
-    >>> deviation(found, Figure().add_subplot(), color_bar=False).lines[0].get_gid()
+    >>> jhd.plot.deviation(found, Figure().add_subplot(), color_bar=False).lines[0].get_gid()
     'witness'
 
     Args:
@@ -93,11 +93,10 @@ def distances(
     Like `deviation`, for shapes of all kinds and from the solution alone, so without the histogram. Without axes it
     creates a whole figure one column wide, with an inset of the farthest point.
 
-    >>> from jhd._distance.hausdorff import hausdorff
-    >>> from jhd._shapes.curve import polyline
     >>> from matplotlib.figure import Figure
-    >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
-    >>> distances(a, b, hausdorff(a, b), Figure().add_subplot(), color_bar=False).lines[0].get_gid()
+    >>> import jhd
+    >>> a, b = jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 1)])
+    >>> jhd.plot.distances(a, b, jhd.hausdorff(a, b), Figure().add_subplot(), color_bar=False).lines[0].get_gid()
     'witness'
 
     Args:
@@ -134,10 +133,10 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
     Each part of `a` is counted by the mean of the affine functions that bound its distance, or evenly between its
     bounds. The mean, the root mean square and the maximum are marked.
 
-    >>> import jhd
     >>> from matplotlib.figure import Figure
+    >>> import jhd
     >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
-    >>> histogram(found, Figure().add_subplot()).get_ylabel()
+    >>> jhd.plot.histogram(found, Figure().add_subplot()).get_ylabel()
     'fraction of A (%)'
 
     Args:

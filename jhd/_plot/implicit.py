@@ -28,8 +28,9 @@ def surface(
     """Space axes with a surface; an implicit surface is cut off at its box.
 
     >>> from matplotlib.figure import Figure
-    >>> plane = ImplicitSurface.parse("x + y + z", [-1, -1, -1], [1, 1, 1])
-    >>> surface(plane, Figure().add_subplot(projection="3d"), cells=4).name
+    >>> import jhd
+    >>> plane = jhd.ImplicitSurface.parse("x + y + z", [-1, -1, -1], [1, 1, 1])
+    >>> jhd.plot.surface(plane, Figure().add_subplot(projection="3d"), cells=4).name
     '3d'
 
     Args:
@@ -64,8 +65,9 @@ def surfaces(
     """Space axes with several surfaces, drawn together so that faces in front hide faces behind.
 
     >>> from matplotlib.figure import Figure
-    >>> planes = [ImplicitSurface.parse(text, [-1, -1, -1], [1, 1, 1]) for text in ("x + y + z", "x - y")]
-    >>> surfaces(planes, Figure().add_subplot(projection="3d"), cells=4).name
+    >>> import jhd
+    >>> planes = [jhd.ImplicitSurface.parse(text, [-1, -1, -1], [1, 1, 1]) for text in ("x + y + z", "x - y")]
+    >>> jhd.plot.surfaces(planes, Figure().add_subplot(projection="3d"), cells=4).name
     '3d'
 
     Args:
@@ -110,10 +112,10 @@ def net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
 def voxels(cells: Voxels, ax: Any = None, *, colors: Sequence[str] = (BLUE, VERMILLION), legend: bool = True) -> Any:
     """Space axes with the kept cells of a surface, colored by whether they are proven to contain one of its points.
 
-    >>> from jhd._fields.octree import voxelize
     >>> from matplotlib.figure import Figure
-    >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
-    >>> ax = voxels(voxelize(sphere, 2), Figure().add_subplot(projection="3d"))
+    >>> import jhd
+    >>> sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+    >>> ax = jhd.plot.voxels(jhd.voxelize(sphere, 2), Figure().add_subplot(projection="3d"))
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['proven (8)']
 
@@ -160,10 +162,10 @@ def section(
     A cell that `voxelize` dropped is inside or outside: the polynomial has one sign in the whole cell, negative inside.
     A kept cell at the boundary is proven to contain a point of the surface, or it may contain one (hatched).
 
-    >>> from jhd._fields.octree import voxelize
     >>> from matplotlib.figure import Figure
-    >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
-    >>> ax = section(sphere, voxelize(sphere, 2), Figure().add_subplot())
+    >>> import jhd
+    >>> sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+    >>> ax = jhd.plot.section(sphere, jhd.voxelize(sphere, 2), Figure().add_subplot())
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('$x$', '$y$')
 

@@ -21,8 +21,9 @@ def mesh(shape: Any, ax: Any = None, *, color: str = BLUE, label: str | None = N
     """Space axes with a triangle mesh; a coarser image is drawn if the mesh has more than 20 000 triangles.
 
     >>> from matplotlib.figure import Figure
-    >>> square = TriangleMesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
-    >>> mesh(square, Figure().add_subplot(projection="3d")).name
+    >>> import jhd
+    >>> square = jhd.TriangleMesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    >>> jhd.plot.mesh(square, Figure().add_subplot(projection="3d")).name
     '3d'
 
     Args:
@@ -56,8 +57,9 @@ def meshes(
     If the meshes have more than 20 000 triangles in total, coarser images with merged vertices are drawn.
 
     >>> from matplotlib.figure import Figure
-    >>> square = TriangleMesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
-    >>> meshes([square, square], Figure().add_subplot(projection="3d")).name
+    >>> import jhd
+    >>> square = jhd.TriangleMesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    >>> jhd.plot.meshes([square, square], Figure().add_subplot(projection="3d")).name
     '3d'
 
     Args:

@@ -40,12 +40,12 @@ def neighbors(
     All panels of a row have the same scale. If further shapes may be as near as the last one of a row, their number is
     written above the last panel.
 
-    >>> import jhd
     >>> from matplotlib.figure import Figure
+    >>> import jhd
     >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
     >>> queries = [jhd.polyline([(0, 0), (3, 0), (3, 3), (0, 3)], closed=True)]
     >>> found = jhd.nearest_shapes(queries, squares)
-    >>> neighbors(queries, squares, found, Figure().subplots(1, 2, squeeze=False)).shape
+    >>> jhd.plot.neighbors(queries, squares, found, Figure().subplots(1, 2, squeeze=False)).shape
     (1, 2)
 
     Args:

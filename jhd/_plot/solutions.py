@@ -33,11 +33,10 @@ def witness(
 
     For a minimum distance, these are the two nearest points and the line between them.
 
-    >>> from jhd._distance.hausdorff import hausdorff
-    >>> from jhd._shapes.curve import polyline
     >>> from matplotlib.figure import Figure
-    >>> found = hausdorff(polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)]))
-    >>> ax = witness(found, Figure().add_subplot())
+    >>> import jhd
+    >>> found = jhd.hausdorff(jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 1)]))
+    >>> ax = jhd.plot.witness(found, Figure().add_subplot())
     >>> sorted(line.get_gid() for line in ax.lines)
     ['empty_circle', 'feet', 'joining_lines', 'witness']
 
@@ -92,11 +91,10 @@ def solution(
 ) -> Any:
     """Axes with both shapes, the witness, its feet and the distance between the shapes.
 
-    >>> from jhd._distance.hausdorff import hausdorff
-    >>> from jhd._shapes.curve import polyline
     >>> from matplotlib.figure import Figure
-    >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
-    >>> ax = solution(a, b, hausdorff(a, b), Figure().add_subplot())
+    >>> import jhd
+    >>> a, b = jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 1)])
+    >>> ax = jhd.plot.solution(a, b, jhd.hausdorff(a, b), Figure().add_subplot())
     >>> [text.get_text() for text in ax.get_legend().get_texts()][:4]
     ['A', 'B', 'witness', 'foot']
 
