@@ -87,12 +87,12 @@ def deviation(
       at crossings.
     - Quantiles and fractions come from the same cells. Their bounds are as wide as the distance varies within a cell.
 
-    The value of `maximum` (within about the root of its gap) and the distances of `at(places)` are differentiable in
+    The value of `maximum` (within about the root of its gap) and the distances of `at(params)` are differentiable in
     both shapes, to first order. Mean and bounds are plain numbers. The shapes must be concrete: deviation does not work
     under jit or vmap.
 
     >>> import jhd
-    >>> found = deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
+    >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
     >>> found.mean.lower <= 0.5 <= found.mean.upper, found.mean.upper - found.mean.lower < 1e-3
     (True, True)
 

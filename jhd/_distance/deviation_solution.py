@@ -39,7 +39,7 @@ class DistanceSamples(NamedTuple):
 class Deviation(AbstractSolution):
     """Distribution of the distance d(x, b) over x in `a`, by length, area or number of points.
 
-    All bounds are certified: lower <= exact <= upper.
+    All bounds are certified: lower <= exact <= upper. `float(deviation)` is the mean.
 
     Args:
         a: the shape over which the distance is taken.

@@ -38,7 +38,8 @@ def directed_hausdorff(
     Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. Meshes,
     parametric surfaces and mixed pairs are searched by a host call, also under jit.
 
-    The value is differentiable twice in all arrays of both shapes. CubeIntervals() has no derivatives.
+    The value is differentiable twice in all arrays of both shapes. `jax.grad` of a function of a curve or a surface
+    returns a shape of the same class, whose arrays are the derivatives. CubeIntervals() has no derivatives.
 
     If the distance is constant on a region of `a` (for example a shape and its offset), the cost grows like diagonal /
     gap for parametric surfaces and mixed pairs. The bounds are then true but wider, with RESULTS.nonisolated_maxima.
@@ -61,8 +62,8 @@ def directed_hausdorff(
             units in the last place) of the diagonal of the joint bounding box. With another method than the default,
             give its options to the method instead.
         throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
-        progress: a function that is called with a Progress from time to time;
-            ignored under jit. Ctrl-C ends the search with the bounds reached and RESULTS.interrupted.
+        progress: a function that is called with a Progress from time to time; ignored under jit. Ctrl-C ends the search
+            with the bounds reached and RESULTS.interrupted.
 
     Returns:
         A HausdorffSolution: value, bounds and witness, in the unit of the coordinates.
@@ -164,8 +165,8 @@ def hausdorff_at_most(
         A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with
-            a method.
+        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with a
+            method.
         ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
             or not one number.
     """

@@ -73,8 +73,8 @@ def minimum_distance(
       nearest are selected first, so thousands of pieces are possible. If an edge of a large mesh crosses the surface,
       `upper` is 0 up to the smallest floats.
 
-    >>> from jhd._shapes.curve import circle
-    >>> found = minimum_distance(circle([0, 0], 3.0), circle([0, 7], 2.0))
+    >>> import jhd
+    >>> found = jhd.minimum_distance(jhd.circle([0, 0], 3.0), jhd.circle([0, 7], 2.0))
     >>> bool(found.lower <= 2.0 <= found.upper), bool(found.upper - found.lower < 1e-8)
     (True, True)
 
@@ -101,7 +101,7 @@ def minimum_distance(
         ValueError: the dimensions differ, a surface is certified to be empty in its box, or a tolerance is negative.
         NotProvenError: the bounds did not close, and `throw` is True. The exception carries the solution.
 
-    Source: Lin & Wang, 3D signed Euclidean distance transform and its applications, section on the minimum distance
+    Source: Lin & Wang, 3-D signed Euclidean distance transform and its applications, section on the minimum distance
     (the problem; their method is VoxelPairs, which certifies nothing).
     """
     a, b = taken_as("a", a), taken_as("b", b)
@@ -131,8 +131,8 @@ def minimum_at_most(
     This is the search of `minimum_distance`. Outside jit it stops once both bounds are on one side of the threshold.
     Under jit it runs to its end.
 
-    >>> from jhd._shapes.curve import circle
-    >>> bool(minimum_at_most(circle([0, 0], 3.0), circle([0, 7], 2.0), 1.5))
+    >>> import jhd
+    >>> bool(jhd.minimum_at_most(jhd.circle([0, 0], 3.0), jhd.circle([0, 7], 2.0), 1.5))
     False
 
     Args:
@@ -149,8 +149,8 @@ def minimum_at_most(
         A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with
-            a method.
+        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with a
+            method.
         ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
             or not one number.
     """

@@ -45,7 +45,7 @@ def distance_profile(a: Any, b: Any, samples: int = 64) -> DistanceProfile:
     The largest of these distances is at most the directed Hausdorff distance. Between the points nothing is certified.
 
     >>> import jhd
-    >>> found = distance_profile(jhd.polyline([(0, 0), (2, 0)]), jhd.point_set([(0, 0)]), samples=4)
+    >>> found = jhd.distance_profile(jhd.polyline([(0, 0), (2, 0)]), jhd.point_set([(0, 0)]), samples=4)
     >>> found.t.tolist(), found.distance.tolist()
     ([0.0, 0.25, 0.5, 0.75, 1.0], [0.0, 0.5, 1.0, 1.5, 2.0])
 

@@ -1,4 +1,4 @@
-"""Methods for nearest points of curves: our own search, and four published methods.
+"""Methods for nearest points on curves: our own search, and four published methods.
 
 The nearest point is one of the roots of f(s) = (P - B).B', or an end of a segment. `BestFirstProjection` and
 `ProjectedPolyhedronProjection` are global and certified. Interval halving, Newton's method and their hybrid start at
@@ -7,8 +7,8 @@ certify nothing, and no bound relies on them.
 
 Changes to the source of the local methods: they serve any number of segments of any degree, also rational ones, and
 keep parameters in [0, 1]. Interval halving stops when the interval is at most its tolerance. The source stops when the
-differences of the three distances are, which depends on the unit and ends early at a flat minimum. Newton's method
-stops at a step of at most its tolerance; the source names no criterion.
+three distances differ by at most a tolerance, which depends on the unit and ends early at a flat minimum. Newton's
+method stops at a step of at most its tolerance; the source names no criterion.
 
 Source: Shortest distance from a point to a Bezier curve (halving, Newton, hybrid); Patrikalakis & Maekawa, Shape
 Interrogation (2002), chapter 4.
@@ -112,7 +112,10 @@ class AbstractProjectionMethod(eqx.Module):
 
 
 class BestFirstProjection(AbstractProjectionMethod):
-    """Best-first search with Bernstein bounds: global, certified and the fastest (see jhd._distance.nearest.curves)."""
+    """Nearest points on curves by best-first search with Bernstein bounds: global, certified, and the fastest method.
+
+    Use it as `jhd.project(points, curve, jhd.BestFirstProjection())`; it is the default for curves.
+    """
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
         """The nearest point to one query."""
@@ -121,9 +124,12 @@ class BestFirstProjection(AbstractProjectionMethod):
 
 
 class ProjectedPolyhedronProjection(AbstractProjectionMethod):
-    """All stationary parameters by the projected-polyhedron solver, then the nearest of these points and of the ends.
+    """Nearest points on curves from all stationary parameters and all ends: global and certified.
 
-    Global and certified. It solves every segment, so BestFirstProjection is faster for curves of many segments.
+    The projected-polyhedron solver finds the stationary parameters of every segment, so BestFirstProjection is faster
+    for curves of many segments.
+
+    Source: Patrikalakis & Maekawa, Shape Interrogation (2002), chapter 4.
 
     Args:
         capacity: number of boxes that the solver can hold for one segment.
@@ -141,9 +147,11 @@ class ProjectedPolyhedronProjection(AbstractProjectionMethod):
 
 
 class IntervalHalvingProjection(AbstractProjectionMethod):
-    """Interval halving in the parameter: a step to the better neighbor, or half the interval; a local method.
+    """Nearest points on curves by interval halving: step to the better neighbor, or halve the interval; a local method.
 
     Change to the source: it stops on the interval. The source stops on the differences of the three distances.
+
+    Source: Shortest distance from a point to a Bezier curve.
 
     Args:
         interval: initial interval of the parameter.
@@ -166,9 +174,11 @@ class IntervalHalvingProjection(AbstractProjectionMethod):
 
 
 class NewtonProjection(AbstractProjectionMethod):
-    """Newton's method on (P - B).B' = 0 from the parameter of the nearest control point; a local method.
+    """Nearest points on curves by Newton's method on (P - B).B' = 0, from the nearest control point; a local method.
 
     Changes to the source: parameters stay in [0, 1], and it stops on the step. The source names no criterion.
+
+    Source: Shortest distance from a point to a Bezier curve.
 
     Args:
         tolerance: step of the parameter at which it stops.
@@ -188,9 +198,11 @@ class NewtonProjection(AbstractProjectionMethod):
 
 
 class HybridProjection(AbstractProjectionMethod):
-    """Interval halving to a rough parameter, then Newton's method; a local method.
+    """Nearest points on curves by interval halving to a rough parameter, then Newton's method; a local method.
 
     The source suggests it without numbers; the intervals and the criterion are ours.
+
+    Source: Shortest distance from a point to a Bezier curve.
 
     Args:
         interval: initial interval of the halving.

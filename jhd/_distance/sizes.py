@@ -67,7 +67,7 @@ def surface_area(
 
     Args:
         surface: a mesh, a parametric surface, or an object that `jhd.as_shape` accepts. For an implicit surface pass
-            `surface.to_mesh(tolerance)`, whose area is not that of the surface.
+            `surface.to_mesh(tolerance).shape`, whose area differs from the area of the surface.
         rtol: tolerance on `upper - lower`, relative to `upper`, at least 0. The number of cells grows like 1 / rtol;
             flat pieces need none.
         atol: absolute tolerance on `upper - lower`, in the square of the unit of the coordinates; by default 1e-12 of

@@ -70,7 +70,11 @@ RESULTS._index_to_message[int(RESULTS.successful._value)] = "All requested bound
 
 
 class EVENTS(eqx.Enumeration):
-    """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014)."""
+    """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014).
+
+    The sentences name curves. On other shapes, an end is a border of a surface or of its box, and a corner is an edge
+    or a vertex of a mesh. For parametric surfaces and mixed pairs, b_end also stands for an antipodal pair.
+    """
 
     a_end = "The maximum is attained at a free end of a."
     corner = "The maximum is attained at a corner of a (a joint at which the tangent jumps)."
@@ -81,7 +85,7 @@ class EVENTS(eqx.Enumeration):
 
 
 class ANSWERS(eqx.Enumeration):
-    """Whether a distance is at most a threshold."""
+    """Answers to the question whether a distance is at most a threshold."""
 
     yes = "Certified: the distance is at most the threshold."
     no = "Certified: the distance is larger than the threshold."
@@ -89,7 +93,7 @@ class ANSWERS(eqx.Enumeration):
 
 
 class DIRECTIONS(eqx.Enumeration):
-    """Which shape carries the point that attains the Hausdorff distance."""
+    """The shape that carries the point that attains the Hausdorff distance."""
 
     a_to_b = "The point lies on a, its foot points on b."
     b_to_a = "The point lies on b, its foot points on a."

@@ -160,7 +160,7 @@ class MinimumSolution(AbstractBounds, AbstractSolution):
     If the shapes meet, `lower` is 0 and `upper` bounds the distance between the two points found.
 
     Args:
-        value: the distance found, about the distance of the two points; differentiable.
+        value: the distance found, up to rounding the distance of the two points; differentiable.
         lower: certified lower bound.
         upper: certified upper bound; inf if none is certified.
         point_a: the point of `a` that is nearest to `b`.
@@ -322,6 +322,8 @@ class Decision(AbstractSolution):
 
 class FitSolution(AbstractSolution):
     """A shape fitted by its Hausdorff distance to a target, with the certified distance.
+
+    `float(solution)` is the distance, or the fitted statistic if there is one.
 
     Args:
         parameters: the fitted parameters, in the form of the initial ones.

@@ -135,7 +135,7 @@ def verify(content: Any, max_seconds: float | None = None, progress: Callback | 
     ('directed', True)
 
     Args:
-        content: a Certificate, or the content of a certificate file as `opened` reads it. Its lists of cells may be any
+        content: a Certificate, or the JSON object of a certificate as a dictionary. Its lists of cells may be any
             iterables.
         max_seconds: time limit in seconds; by default none. The check ends before the first cell if the number of cells
             and the degrees show that it would take longer.
@@ -182,7 +182,7 @@ def certify(
         b: the second shape, as it was passed to the distance.
         solution: one result (not a batch) of directed_hausdorff, hausdorff, hausdorff_at_most, minimum_distance or
             minimum_at_most for these shapes. For a decision, the bound that gives the answer is certified; for an
-            undecided one, both bounds are.
+            undecided decision, both bounds are.
         directed: for a decision about the two-sided distance: whether to certify the distance from `a` to `b` only; by
             default False.
         slack: how much wider the certified bounds may be than the bounds of the solution, in the unit of the

@@ -147,7 +147,7 @@ def _witness(
     Raises:
         NotProvenError: none of those tried does.
     """
-    reason = "no place of these shapes is that far."
+    reason = "no point of these shapes is that far."
     for direction, place in _candidates(asked, sides, covers):
         if place is None:
             continue
@@ -221,7 +221,7 @@ def prove_minimum(
     if math.isfinite(upper):
         witness = _closest(sides, points, upper)
         if witness is None:
-            reason = f"The upper bound {upper_text(upper)} is not proven: no places of these shapes are that near."
+            reason = f"The upper bound {upper_text(upper)} is not proven: no points of these shapes are that near."
             raise NotProvenError(reason, solution)
     if lower > 0:
         try:

@@ -61,7 +61,7 @@ def cover_with_surfaces(
 ) -> list[dict[str, Any]]:
     """As `cover_by_cells`, of shapes of which one or both are polynomial surfaces; all in the unit of the arrays."""
     if isinstance(target, SurfaceSide) and not target.is_found:
-        raise UncoveredError("no point of the other surface is proven: its polynomial was not seen to change its sign.")
+        raise UncoveredError("no point of the other surface is proven: no change of sign of its polynomial was found.")
     left, entries = _first(source), []
     while left:
         cell = left.pop()

@@ -51,10 +51,10 @@ _TOGETHER = 64
 
 
 class Pairwise(eqx.Module):
-    """All distances of two collections with their bounds. Rows are the first shapes, columns the second ones.
+    """All Hausdorff distances of two collections with their bounds; row i and column j belong to shapes[i], others[j].
 
     Args:
-        value: the distances, (rows, columns); NaN if the call was interrupted before.
+        value: the distances, (rows, columns); NaN if the call was interrupted first.
         lower: certified lower bounds, (rows, columns).
         upper: certified upper bounds, (rows, columns).
         result: members of RESULTS that tell how each search ended; RESULTS.interrupted if it did not begin.
@@ -74,19 +74,19 @@ class Pairwise(eqx.Module):
 
 
 class Neighbors(eqx.Module):
-    """The nearest shapes of each query, in the order of `value`.
+    """The nearest shapes of each query by Hausdorff distance, in the order of `value`.
 
     The k nearest shapes of a query are among the shapes in its row and in its `ties`. The order of two shapes whose
     bounds overlap is not certified.
 
     Args:
         index: indices of the shapes, (queries, k).
-        value: their distances, (queries, k); NaN if the call was interrupted before.
-        lower: certified lower bounds of these distances.
-        upper: certified upper bounds of these distances.
+        value: their Hausdorff distances, (queries, k); NaN if the call was interrupted first.
+        lower: certified lower bounds of these distances, (queries, k).
+        upper: certified upper bounds of these distances, (queries, k).
         result: a member of RESULTS for each query; RESULTS.interrupted if some shapes were not examined.
-        ties: for each query, the indices of other shapes that are not certified to be farther than the last one in its
-            row.
+        ties: for each query, an array of the indices of other shapes that are not certified to be farther than the
+            last shape in its row.
         computed: number of distances that were searched.
     """
 
@@ -113,9 +113,10 @@ class PairsWithin(eqx.Module):
 
     Args:
         index: indices of the shapes of each pair, (pairs, 2).
-        lower: certified lower bounds of their distances.
-        upper: certified upper bounds of their distances, at most the threshold.
-        undecided: the pairs without an answer: the threshold lies between their bounds, or the call was interrupted.
+        lower: certified lower bounds of their distances, (pairs,).
+        upper: certified upper bounds of their distances, at most the threshold, (pairs,).
+        undecided: the pairs without an answer, (others, 2): the threshold lies between their bounds, or the call was
+            interrupted.
         result: RESULTS.successful if no pair is undecided, otherwise gap_not_closed or interrupted.
         computed: number of distances that were searched.
     """
@@ -150,7 +151,7 @@ def pairwise(
 
     >>> import jhd
     >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
-    >>> pairwise(squares).value.round(9).tolist()
+    >>> jhd.pairwise(squares).value.round(9).tolist()
     [[0.0, 1.414213562, 4.242640687], [1.414213562, 0.0, 2.828427125], [4.242640687, 2.828427125, 0.0]]
 
     Args:
@@ -202,15 +203,16 @@ def nearest_shapes(
 ) -> Neighbors:
     """The k nearest shapes of each query by Hausdorff distance, certified.
 
-    Distances of all shapes from the points of a lattice bound the distances of all pairs. Only the remaining pairs are
-    searched, up to the best bound so far; this is a small fraction of all pairs. Shapes often tie, and ties are listed.
-    Shapes are compared at their positions: nothing is aligned or scaled.
-    If `queries` is `shapes`, each query is its own nearest shape. Ctrl-C ends the call with the results so far, once
-    all pairs have bounds.
+    Shapes are compared at their positions: nothing is aligned or scaled. If `queries` is `shapes`, each query is its
+    own nearest shape; pass k + 1 to get k others. Shapes often tie, and ties are listed.
+
+    Distances of all shapes from the points of a lattice bound the distances of all pairs. Pairs that these bounds do
+    not exclude are searched, up to the best bound so far; they are a small fraction of all pairs. Ctrl-C ends the call
+    with the results so far, once all pairs have bounds.
 
     >>> import jhd
     >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
-    >>> found = nearest_shapes([jhd.polyline([(0, 0), (3, 0), (3, 3), (0, 3)], closed=True)], squares)
+    >>> found = jhd.nearest_shapes([jhd.polyline([(0, 0), (3, 0), (3, 3), (0, 3)], closed=True)], squares)
     >>> found.index.tolist(), found.ties, found.value.round(9).tolist()
     ([[1]], (array([2]),), [[1.414213562]])
 
@@ -271,7 +273,7 @@ def pairs_within(
 
     >>> import jhd
     >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 1.01, 4)]
-    >>> pairs_within(squares, threshold=0.1).index.tolist()
+    >>> jhd.pairs_within(squares, threshold=0.1).index.tolist()
     [[0, 1]]
 
     Args:

@@ -54,12 +54,12 @@ class Store:
             known = json.loads(path.read_text(encoding="utf-8"))
             found = known["fingerprint"]
         except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"store {self._folder}: {_MANIFEST} is none of jhd.") from error
+            raise ValueError(f"store {self._folder}: {_MANIFEST} is not a manifest of jhd.") from error
         if found != mine:
             differing = [key for key in sorted(about) if key != "fingerprint" and known.get(key) != about[key]]
             raise ValueError(
                 f"store {self._folder} was made for other inputs ({', '.join(differing)}): its fingerprint is {found}, "
-                f"that of this call {mine}. Name another folder, or call with what it was made for."
+                f"the fingerprint of this call is {mine}. Name another folder, or pass the inputs it was made for."
             )
 
     def read(self, part: int, count: int) -> MeasuredPairs | None:

@@ -20,7 +20,7 @@ _LOST = ("KilledWorker",)
 def check_table(rows: int, columns: int) -> None:
     """MemoryError where there is no room for the table: three floats and a result for each pair."""
     work = f"a table of {rows} by {columns} distances would take"
-    check_memory(32.0 * rows * columns, work, "nearest_shapes and pairs_within take no table")
+    check_memory(32.0 * rows * columns, work, "nearest_shapes and pairs_within need no table")
 
 
 class DistanceTable:
@@ -63,7 +63,7 @@ class DistanceTable:
                     store.write(part, MeasuredPairs(value, lower, upper, result, np.zeros_like(result)))
         except Exception as error:
             if store is not None and (isinstance(error, BrokenExecutor) or type(error).__name__ in _LOST):
-                error.add_note("A worker was lost. What is done is kept: a second call with the same store goes on.")
+                error.add_note("A worker was lost. Finished parts are kept: a second call with this store continues.")
             raise
 
     def _parts(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -23,12 +23,12 @@ def stack_curves(curves: Sequence[Any]) -> BezierSegments:
     96, ... segments, so that compiled functions serve more than one batch. If one curve has weights, all get them.
 
     >>> import jhd
-    >>> stack_curves([jhd.polyline([(0, 0), (1, 0)]), jhd.circle((0, 0), 1)]).control_points.shape
+    >>> jhd.stack_curves([jhd.polyline([(0, 0), (1, 0)]), jhd.circle((0, 0), 1)]).control_points.shape
     (2, 4, 3, 2)
 
     Args:
         curves: a sequence of curves of one dimension, or of objects that `jhd.as_shape` accepts. Traced curves are
-            differentiated through.
+            allowed, and the batch is differentiable in them.
 
     Returns:
         BezierSegments with a leading axis: `control_points` (curves, segments, points, dim), `weights` and

@@ -30,9 +30,10 @@ _FINAL = 1e-8
 
 
 class AlgebraicEvents(AbstractHostMethod):
-    """Solves for all candidate events, for polynomial curves in the plane with concrete control points.
+    """Hausdorff distance of polynomial plane curves by solving for all candidate events; not under jit.
 
-    Changes to the source:
+    Changes to the source, Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and
+    R^3, GMP 2008:
 
      - Divided differences and tests at joints remove the trivial solutions, in which both foot points coincide.
      - Free ends and corners of b are segments of one point, so their events have the same equations.
@@ -47,7 +48,7 @@ class AlgebraicEvents(AbstractHostMethod):
     `roots` counts the candidates that are isolated roots, double ones included. `unresolved` counts boxes on curves of
     roots, on which the equations vanish along a stretch. Their distances lie between `unresolved_lower` and
     `unresolved_upper`, in the unit of the coordinates. If they may exceed the value by more than `box_size`, the result
-    is gap_not_closed. If max_boxes is reached, it is capacity_reached.
+    is gap_not_closed. If `max_boxes` is reached, it is capacity_reached.
 
     Use it as `jhd.directed_hausdorff(a, b, jhd.published.AlgebraicEvents())`.
 

@@ -49,7 +49,7 @@ _LARGEST_GRID, _PLACES = 256, 4096
 
 
 class CubeIntervals(AbstractHausdorffMethod):
-    """Distances of implicit surfaces from intervals of cells, up to about the size of a cell.
+    """Hausdorff distance of implicit surfaces from intervals of cells, up to about the size of a cell; not under jit.
 
     - rule="safe": lower <= exact <= upper. If no cell of a surface is certified to hold a point, a bound is missing,
       the value is NaN and the result RESULTS.existence_not_certified. Ranges of polynomials come from Bernstein
@@ -57,7 +57,7 @@ class CubeIntervals(AbstractHausdorffMethod):
     - rule="paper": the published interval and its midpoint, with RESULTS.not_certified. It can miss the distance.
       Ranges come from modified affine arithmetic.
 
-    Changes to the source:
+    Changes to the source, AlgSurf, section 2:
 
      - The number of cells is given. The source gives their largest edge.
      - Minima are taken of squared distances, axis by axis if this is exact.

@@ -53,9 +53,9 @@ _NOTHING = (
 
 
 class BiarcTrimming(AbstractHostMethod):
-    """Biarcs and trimming, then all events on the rest, for polynomial plane curves with concrete control points.
+    """Hausdorff distance of polynomial plane curves: trimming by biarcs, then all events on the rest; not under jit.
 
-    Changes to the source:
+    Changes to the source, Kim et al. 2010:
 
      - A measured distance is the lower bound. The source reads a distance map by pixels and subtracts the terms eps1 to
        eps3 of (1) and (2).

@@ -52,9 +52,11 @@ _ARC = 1.25
 
 
 class TwoStep(AbstractCurveMethod):
-    """Sampling and root finding: fast, with errors of about 1e-12 of the size, but without a certified upper bound.
+    """Hausdorff distance of curves by sampling and root finding: fast, but without a certified upper bound.
 
-    Changes to the source:
+    The error is about 1e-12 of the size, unless a maximum is narrower than the spacing of the samples.
+
+    Changes to the source, Cao, Dong and Cao, Computation of Hausdorff distance between planar curves, 2014:
 
      - The nearest point of a sample comes from a certified best-first search, not from the projected polyhedron.
      - An interval is also kept if the slopes at its ends, or its foot points, require it. The source keeps

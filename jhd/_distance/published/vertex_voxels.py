@@ -236,13 +236,13 @@ def _expanded(starts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 class VertexVoxels(AbstractMeshSearch):
-    """The published local search, over triangles around the vertices in the nearest voxels; not always right.
+    """Nearest points on a mesh by the published local search, over triangles around the nearest vertices.
 
-    The distance found is the distance to one triangle, so it is an upper bound. Nothing is certified about the other
-    triangles, so the lower bound is 0. It does not work under jit. A grid is kept with its mesh; while it is made, each
-    voxel takes about 50 bytes.
+    The distance found is the distance to one triangle, so it is an upper bound. It can be too large: nothing is
+    certified about the other triangles, and the lower bound is 0. The method does not work under jit. A grid is kept
+    with its mesh; while it is made, each voxel takes about 50 bytes.
 
-    Changes to the source:
+    Changes to the source, Lin & Wang, 3-D signed Euclidean distance transform and its applications (2003), section 3:
 
      - The distance transform is exact by default.
      - The number of voxels along a side is a power of two.

@@ -8,7 +8,7 @@ near, the answer depends on the choice.
 For implicit surfaces, the samples are roots of the polynomial on the lines. Meshes are intersected triangle by
 triangle. Parametric surfaces are replaced by a mesh within a given tolerance.
 
-Source: Lin & Wang, 3D signed Euclidean distance transform and its applications (2003), section 4.
+Source: Lin & Wang, 3-D signed Euclidean distance transform and its applications (2003), section 4.
 """
 
 import math
@@ -196,7 +196,7 @@ def _meet(corners: np.ndarray, middle: np.ndarray) -> np.ndarray:
 
 
 class TiedPairs(NamedTuple):
-    """The pairs of cubes that are equally near, and the nearest samples in each.
+    """The nearest pairs of cubes of two surfaces, all equally near, with the nearest samples in each pair.
 
     Args:
         cells_a: grid indices of the cubes of `a`, sorted together with `cells_b`.
@@ -214,11 +214,12 @@ class TiedPairs(NamedTuple):
 
 
 class VoxelPairs(AbstractMethod):
-    """The published method: samples in the nearest pair of cubes. Its result is RESULTS.not_certified, without bounds.
+    """Minimum distance of two surfaces from samples in the nearest pair of cubes, as published; without bounds.
 
-    It serves implicit surfaces, meshes, parametric surfaces, and mixed pairs of these.
+    The result is RESULTS.not_certified. The method serves implicit surfaces, meshes, parametric surfaces, and mixed
+    pairs of these, outside jit.
 
-    Changes to the source:
+    Changes to the source, Lin & Wang, 3-D signed Euclidean distance transform and its applications (2003), section 4:
 
      - The exact distance transform finds all nearest pairs of cubes, and `ties` says which are sampled.
      - The axis of the lines is chosen by the projected area. This area is measured by the number of lines that meet the

@@ -44,10 +44,10 @@ class Estimated(NamedTuple):
     @property
     def refusal(self) -> str:
         """What is said of a derivative that is not confirmed."""
-        known = f"only to a share of {self.off:.1g}" if np.isfinite(self.off) else "not at all"
+        known = f"only to a fraction of {self.off:.1g}" if np.isfinite(self.off) else "not at all"
         return (
-            f"the derivative of this statistic is confirmed {known}, not to {_CONFIRMED:g}, with as many places as are "
-            "looked at; estimate(a, b, nodes=n) gives one that is smoothed over n points, good for fits."
+            f"the derivative of this statistic is confirmed {known}, not to {_CONFIRMED:g}, with the largest number of "
+            "nodes; estimate(a, b, nodes=n) has a derivative that is smoothed over n points, good for fits."
         )
 
     def guarded(self) -> Array:

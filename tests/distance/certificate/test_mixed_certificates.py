@@ -118,7 +118,7 @@ def test_minimum_distances_have_certificates():
     assert " <= d(A, B) <= " in repr(certificate)
     below = dataclasses.replace(solution, upper=solution.upper * 0.99)
     above = dataclasses.replace(solution, lower=solution.lower * 1.01)
-    for false, reason in ((below, "no places of these shapes are that near"), (above, "is not proven")):
+    for false, reason in ((below, "no points of these shapes are that near"), (above, "is not proven")):
         with pytest.raises(jhd.NotProvenError, match=reason):
             certify(a, b, false)
 

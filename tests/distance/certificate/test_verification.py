@@ -302,8 +302,8 @@ PAIR = ("cells", "apart", 0)
 OF_MINIMA = [
     ((("claim", "lower"), 1.0000001), r"cells.apart\[0\]: that the distance is at least 1.0000001 is not proven by"),
     ((("claim", "upper"), 0.9999999), "witness: that the distance is at most 0.9999999 is false"),
-    ((("claim", "lower"), 0.0), "cells must be there where claim.lower is above zero"),
-    ((("claim", "upper"), None), "witness must be there where there is a claim.upper"),
+    ((("claim", "lower"), 0.0), "cells are needed if claim.lower is above zero"),
+    ((("claim", "upper"), None), "witness is needed if there is a claim.upper"),
     ((PAIR, ...), r"cells.apart\[0\].pair is 'Y': 'Y' is no first half there"),
     ((("cells", "apart", 1), ...), r"cells.apart\[1\]: there is no further pair; what begins with 'Y' is left"),
     (((*PAIR, "pair"), ""), r"cells.apart\[1\]: everything is covered already"),

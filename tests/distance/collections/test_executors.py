@@ -72,7 +72,7 @@ _PROCESSES = """
             jhd.pairwise(shapes, executor=pool, store=folder + "/killed", progress=once)
             raise AssertionError("nothing was lost")
         except BrokenExecutor as error:
-            assert "a second call with the same store goes on" in error.__notes__[0]
+            assert "a second call with this store continues" in error.__notes__[0]
     assert once.killed >= 1
     assert 0 < jhd.pairwise(shapes, store=folder + "/killed").computed < 24 * 23 // 2
 """

@@ -74,7 +74,7 @@ class _Lines:
         try:
             line = self.file.readline(_LONGEST)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            raise ValueError(f"the compressed data are broken behind line {self.number}: {error}") from error
+            raise ValueError(f"the compressed data are broken after line {self.number}: {error}") from error
         if len(line) >= _LONGEST:
             raise CertificateError(f"a line has more than {_LONGEST} characters.")
         self.number += 1
@@ -91,7 +91,7 @@ class _Lines:
     def end(self) -> None:
         """Nothing may be left."""
         if self.next().strip():
-            raise CertificateError(f"line {self.number} stands behind the end.")
+            raise CertificateError(f"line {self.number} follows the end.")
 
 
 def _content(lines: _Lines) -> Any:

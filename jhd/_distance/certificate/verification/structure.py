@@ -94,7 +94,7 @@ def check_content(content: Any) -> dict[str, ShapeSize]:
 def _check_maximum(content: Mapping[str, Any], directions: tuple[str, ...], sizes: Mapping[str, ShapeSize]) -> None:
     """Cells for an upper bound, a witness for a lower one."""
     if content["orders"] is not None:
-        raise CertificateError("orders must be null where the claim is about a largest distance.")
+        raise CertificateError("orders must be null if the claim is about a largest distance.")
     wanted = [] if content["claim"]["upper"] is None else list(directions)
     if content["witness"] is not None:
         _check_witness(content["witness"], directions, sizes)
@@ -111,9 +111,9 @@ def _check_maximum(content: Mapping[str, Any], directions: tuple[str, ...], size
 def _check_minimum(content: Mapping[str, Any], sizes: Mapping[str, ShapeSize]) -> None:
     """Pairs of parts for a lower bound, a place on each shape for an upper one."""
     if (content["claim"]["lower"] > 0) != (content["cells"] is not None):
-        raise CertificateError("cells must be there where claim.lower is above zero, and null elsewhere.")
+        raise CertificateError("cells are needed if claim.lower is above zero, and must be null otherwise.")
     if (content["claim"]["upper"] is None) != (content["witness"] is None):
-        raise CertificateError("witness must be there where there is a claim.upper, and null elsewhere.")
+        raise CertificateError("witness is needed if there is a claim.upper, and must be null otherwise.")
     check_keys("orders", content["orders"], ("a", "b"))
     for name, size in sizes.items():
         _check_order(f"orders.{name}", content["orders"][name], size.pieces)
@@ -277,7 +277,7 @@ def _check_witness(witness: Any, directions: Sequence[str], sizes: Mapping[str, 
     if witness["cuts"] is None:
         return
     if target.corners != (2,):
-        raise CertificateError("witness.cuts must be null where the other shape is no curve.")
+        raise CertificateError("witness.cuts must be null if the other shape is no curve.")
     for k, cuts in enumerate(check_list("witness.cuts", witness["cuts"], target.pieces, target.pieces)):
         place = f"witness.cuts[{k}]"
         check_parameters(place, check_list(place, cuts, 2))
@@ -314,7 +314,7 @@ def _check_shape(name: str, shape: Any) -> ShapeSize:
     else:
         size = _check_mesh(name, shape) if kind == "mesh" else _check_nets(name, shape)
     if "sha256" in shape and shape["sha256"] != digest(shape):
-        raise CertificateError(f"{name}.sha256 is {repr(shape['sha256'])}, which is not that of its arrays.")
+        raise CertificateError(f"{name}.sha256 is {repr(shape['sha256'])}, which is not the hash of its arrays.")
     return size
 
 

@@ -103,7 +103,7 @@ def of_corners(numbers: Sequence[float], domain: Domain, used: Sequence[int]) ->
 def value_on(zeros: ZeroSet, part: Part) -> ZeroForm:
     """The polynomial after a part without weights."""
     if len(part.weight) > 1 or part.weight[0] != 1 << part.bits:
-        raise CertificateError("a polynomial surface meets a piece with weights.")
+        raise CertificateError("an implicit surface is composed with a piece that has weights.")
     unit = one(part.domain, part.degree)
     powers = [[{0: 1}] for _ in range(3)]
     for found, x in zip(powers, part.coordinates, strict=True):
