@@ -1,9 +1,9 @@
 """jhd: certified, differentiable Hausdorff distances of curves, surfaces and meshes.
 
 A *shape* is a curve, a parametric surface, an implicit surface, a triangle mesh or a point set. The directed Hausdorff
-distance from `a` to `b` is the largest distance from a point of `a` to `b`. Distances have a `value`, which is what to
-differentiate, and bounds with `lower <= exact <= upper`, rounding included. The *witness* is the point that attains the
-distance, with its *foot points*, the nearest points on the other shape.
+distance from `a` to `b` is the largest distance from a point of `a` to `b`. Results have a differentiable `value`, and
+bounds with `lower <= exact <= upper`, rounding included. The *witness* is the point that attains the distance, with its
+*foot points*, the nearest points on the other shape.
 
 >>> import jhd
 >>> found = jhd.hausdorff(jhd.point_set([(0, 3)]), jhd.point_set([(0, 0), (4, 0)]))
@@ -26,11 +26,11 @@ distance, with its *foot points*, the nearest points on the other shape.
 
 # Choose a method
 
-The default, `BranchAndBound`, certifies both bounds and serves every pair of shapes. Pass `atol=` or
-`rtol=` for another gap than 1e-10 of the diagonal of the joint bounding box. The methods in
-`jhd.published` are for comparison. `TwoStep` refines samples of curves and certifies a lower bound only.
-`AlgebraicEvents` and `BiarcTrimming` solve for all candidate events of plane curves. `CubeIntervals` and `VoxelPairs`
-work on cells of surfaces.
+The default, `BranchAndBound`, certifies both bounds and serves every pair of shapes. The bounds differ by at most 1e-10
+of the diagonal of the joint bounding box; pass `atol=` (a length) or `rtol=` (relative to `upper`) for another
+tolerance. The methods in `jhd.published` are for comparison. `TwoStep` refines samples of curves and certifies a lower
+bound only. `AlgebraicEvents` and `BiarcTrimming` solve for all candidate events of plane curves. `CubeIntervals` and
+`VoxelPairs` work on cells of surfaces.
 
 # Questions and answers
 
@@ -41,13 +41,21 @@ work on cells of surfaces.
 other processes read them: see `jhd doctor`. `jhd precompile plane` compiles in advance.
 
 **What does gap_not_closed mean?** The bounds are true, but the search ended before they met. Raise `max_steps`, or
-ask for a larger `atol`. If whole regions are equally far, as for a shape and its offset, the work grows as the gap
+pass a larger `atol`. If whole regions are equally far, for example on a shape and its offset, the work grows as the gap
 shrinks.
 
 **How do I get a result instead of an exception?** Pass `throw=False` and read `ok`, or `result`, a member of `RESULTS`.
 
-**Can I use it inside `jit`, `vmap` and `grad`?** Yes. Searches for points and curves become part of the compiled
-function; the others are called on the host. Shapes may be arguments, closed over, or built inside.
+**Can I use it inside `jit`, `vmap` and `grad`?** Yes. Searches for points and curves, and for two implicit surfaces,
+become part of the compiled function; the others are called on the host. Shapes may be arguments, closed over, or built
+inside.
+
+**How do I fit in my own loop, for example with optax?** Differentiate `hausdorff(...).value`, or a statistic such as
+`RMSDistance(directed=True).estimate(points, shape)` for noisy points. Both work under `jit`. The direction from the
+points to the shape ignores the spacing of the points; the opposite direction includes it.
+
+**How do I read the gradient of a curve?** `jax.grad` returns a curve whose `control_points` are derivatives. A joint of
+`BezierSegments` is stored in both of its segments, and its derivative is the sum of both.
 
 **Which derivative do I get?** The derivative of the distance at the witness. If the witness has several foot points,
 each contributes with its multiplier. If several witnesses are equally far, it is the derivative at one of them. At
@@ -61,7 +69,7 @@ from typing import Any as _Any
 
 __version__ = "0.1.0"
 
-# First, because all that follows takes time, in which interrupts come and for which help does not wait.
+# First: the imports below take a second. An interrupt can come during them, and help must not wait for them.
 from jhd._runtime import starting as _starting  # noqa: F401
 
 # isort: split
@@ -70,7 +78,7 @@ from jhd._cli import helping as _helping  # noqa: F401
 # isort: split
 import jax as _jax
 
-# Bounds to 1e-10 of the size need float64, and jax has it only as a global switch; JAX_ENABLE_X64=0 keeps float32.
+# Bounds to 1e-10 of the size need float64, which is a global switch of JAX; JAX_ENABLE_X64=0 keeps float32.
 if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "off"):
     _jax.config.update("jax_enable_x64", True)
 
@@ -268,7 +276,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> _Any:
-    """jhd.io, imported when it is first asked for: its readers of files and fonts would double the time of all."""
+    """The module jhd.io, imported at its first use: its readers of files and fonts would double the import time."""
     if name == "io":
         return _import_module("jhd.io")
     raise AttributeError(f"module 'jhd' has no attribute {name!r}")

@@ -8,7 +8,7 @@ __all__ = ["Callback", "Progress"]
 
 
 class Progress(NamedTuple):
-    """Progress of a call.
+    """Progress of a long call: the current stage, its finished items, and the bounds reached so far.
 
     Args:
         stage: name of the current stage, for example "a_to_b", "minimum", "distances" or "start 1".
@@ -16,8 +16,8 @@ class Progress(NamedTuple):
         total: number of items of this stage as far as it is known, which can grow; None if it is unknown.
         lower: certified lower bound of the distance, in the unit of the coordinates; None if the stage has no bounds.
         upper: certified upper bound of the distance; None if the stage has no bounds.
-        details: other numbers by name. Fits tell "value" and "optimality"; voxelizations "tested" and "kept" cells;
-            fields "tested" and "split" cells and "samples".
+        details: other numbers by name. Fits report "value" and "optimality"; voxelizations report "tested" and "kept"
+            cells; fields report "tested" and "split" cells, and "samples".
     """
 
     stage: str

@@ -76,9 +76,9 @@ HIDDEN = np.ma.masked_array([[0, 0], [1, 1e20]], mask=np.array([[0, 0], [0, 1]],
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (HIDDEN, "x has a mask with 1 hidden entries; leave them out before (np.ma.compress_rows)."),
-        ([HIDDEN[0], HIDDEN[1]], "x has a mask with 1 hidden entries; leave them out before (np.ma.compress_rows)."),
-        (np.ones(2).view(InMeters), "x has the unit m, which is not read; needs its numbers alone."),
+        (HIDDEN, "x has a mask with 1 hidden entries; remove them first (np.ma.compress_rows)."),
+        ([HIDDEN[0], HIDDEN[1]], "x has a mask with 1 hidden entries; remove them first (np.ma.compress_rows)."),
+        (np.ones(2).view(InMeters), "x has the unit m, which is not read; pass the numbers without the unit."),
     ],
     ids=["mask", "mask of a row", "unit"],
 )

@@ -82,7 +82,7 @@ def test_near_duplicates_are_printed(run):
 
 
 def test_what_is_refused_is_told_in_one_line(run):
-    refusal = "none/*.svg: no file of a shape found; see jhd --help for the file formats."
+    refusal = "none/*.svg: no file with a shape found; see jhd --help for the file formats."
     assert run("pairwise", "none/*.svg") == (2, "", f"jhd: error: {refusal}\n")
     assert run("nearest", "sets/a.npy", "sets", "-k", 9)[2] == "jhd: error: k is 9; there are 3 shapes.\n"
 

@@ -167,7 +167,7 @@ def _pairs_of(word: str, box: list[float] | None) -> list[tuple[str, Any]]:
     else:
         files = [word]
     if not files:
-        raise ValueError(f"{word}: no file of a shape found; see jhd --help for the file formats.")
+        raise ValueError(f"{word}: no file with a shape found; see jhd --help for the file formats.")
     return [(file, read_shape(shown(file), file, box)) for file in files]
 
 

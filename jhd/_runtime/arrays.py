@@ -94,12 +94,10 @@ def bare_array(name: str, value: Any) -> np.ndarray:
     for rows in value if isinstance(value, list | tuple) else (value,):
         if isinstance(rows, np.ma.MaskedArray) and np.ma.is_masked(rows):
             count = int(np.ma.count_masked(rows))
-            raise ValueError(
-                f"{name} has a mask with {count} hidden entries; leave them out before (np.ma.compress_rows)."
-            )
+            raise ValueError(f"{name} has a mask with {count} hidden entries; remove them first (np.ma.compress_rows).")
         unit = getattr(rows, "unit", getattr(rows, "units", None)) if isinstance(rows, np.ndarray) else None
         if unit is not None:
-            raise ValueError(f"{name} has the unit {unit}, which is not read; needs its numbers alone.")
+            raise ValueError(f"{name} has the unit {unit}, which is not read; pass the numbers without the unit.")
     try:
         return np.asarray(value)
     except ValueError as error:
@@ -121,7 +119,7 @@ def real_array(name: str, value: Any) -> Array:
         return jnp.asarray(value, dtype=float)
     if _is_percentage(value):
         share = f"{value[:-1]} / 100 * np.linalg.norm(np.subtract(*shape.bounds))"
-        raise TypeError(f"{name} is {value!r}; needs a number: of the diagonal of a shape's box this is {share}.")
+        raise TypeError(f"{name} is {value!r}; needs a number; for the diagonal of a shape's box, this is {share}.")
     given = bare_array(name, value)
     if given.dtype.kind not in "fiub" and given.dtype.name != "bfloat16":
         raise TypeError(f"{name} must be real numbers; its dtype is {given.dtype}.")

@@ -5,8 +5,8 @@ import os
 from jhd._runtime.jax_internals import is_initialized
 
 _MESSAGE = (
-    "this process was forked from one in which JAX had computed, so the threads that JAX waits for are not there. "
-    'Start processes anew by multiprocessing.get_context("spawn") or set_start_method("spawn"), or fork before that.'
+    "this process was forked from one in which JAX had computed, so the threads that JAX waits for are missing. Start "
+    'processes by multiprocessing.get_context("spawn") or set_start_method("spawn"), or fork before JAX computes.'
 )
 _forked = False
 

@@ -66,8 +66,8 @@ def _angles(mesh: TriangleMesh) -> np.ndarray:
 
 def _normals(mesh: TriangleMesh, sign: str) -> Pseudonormals:
     if not (mesh.is_closed and mesh.is_manifold):
-        needed = "a closed mesh whose triangles run along each edge once either way"
-        raise ValueError(f"sign={sign!r} needs {needed}; take sign='winding'.")
+        needed = "a closed mesh in which two triangles run along each edge, in opposite directions"
+        raise ValueError(f"sign={sign!r} needs {needed}; use sign='winding'.")
     weights = _angles(mesh) if sign == "pseudonormal" else np.ones((mesh.count, 3))
     edges, normals = edges_of(mesh), np.asarray(mesh.normals, np.float64)
     at_edge, at_place = np.zeros((len(edges.count), 3)), np.zeros((int(edges.places.max()) + 1, 3))
