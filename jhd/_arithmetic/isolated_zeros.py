@@ -1,4 +1,4 @@
-"""Where a polynomial in three variables is zero at a single point of a cube, or nearly is, in exact arithmetic.
+"""Isolated zeros of a polynomial in three variables, at which it does not change its sign, in exact arithmetic.
 
 At such a point the polynomial does not change its sign, so neither signs nor enclosures tell whether it is there. About
 a point p write f as v + g.t + t.H t / 2 + G.n + the rest, with t the free coordinates from p, and n >= 0 inward those

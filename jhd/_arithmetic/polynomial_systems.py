@@ -1,10 +1,10 @@
 """All roots of polynomial systems in Bernstein form: the projected polyhedron method, with proven enclosures.
 
 A box is kept as long as the hulls of the coefficients, projected on the plane of each variable and each equation, leave
-room for a root; it shrinks to what they leave, and is halved where that is less than a fifth. Every step rounds
-outward and counts the rounding of the coefficients, so **no root is ever lost**: each lies in a returned box. The
-converse is not proven: a box holds one root, several, a stretch of a curve of roots, or, where the equations vanish to
-within their rounding, none.
+room for a root; it shrinks to this room, and is halved if it shrinks by less than a fifth. Every step rounds outward
+and counts the rounding of the coefficients, so **no root is ever lost**: each lies in a returned box. The converse is
+not proven: a box holds one root, several, a stretch of a curve of roots, or none if the equations vanish to within
+their rounding.
 
 Boxes are examined first come, first served and live in one table of fixed length. So they are of about equal size when
 the table is full, and a curve of roots ends as a coarse cover with the code capacity_reached instead of exhausting the

@@ -1,7 +1,7 @@
-"""From a far start towards the least Hausdorff distance: smooth losses first, with a temperature that falls.
+"""From a far start toward the least Hausdorff distance: smooth losses first, with a temperature that falls.
 
-At each temperature steps of BFGS lower `soft_hausdorff`, whose gradient is dense; from where they end the next, colder
-one goes on. What is found is a start for a minimax fit, which needs no temperature.
+At each temperature steps of BFGS lower `soft_hausdorff`, whose gradient is dense; the next, lower temperature continues
+at their end. The result is a start for a minimax fit, which needs no temperature.
 """
 
 from collections.abc import Callable

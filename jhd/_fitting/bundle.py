@@ -1,4 +1,4 @@
-"""Minimizing a Hausdorff distance of which only the largest maximum of each direction is known: a bundle method.
+"""Minimizing a Hausdorff distance if only the largest maximum of each direction is known: a bundle method.
 
 Each evaluation gives two cuts, the value and the gradient of both directed distances. The cuts of all places nearby
 make a piecewise linear model, whose least point within a trust region is tried next. One gradient alone says little at

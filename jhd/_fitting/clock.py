@@ -1,4 +1,4 @@
-"""A limit of time for iterations that evaluate again and again."""
+"""A time limit for iterations."""
 
 import math
 import time

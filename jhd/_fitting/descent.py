@@ -1,7 +1,7 @@
-"""Minimizing a mean or a quantile of distances: steps of BFGS, which bear the kinks where feet change places.
+"""Minimizing a mean or a quantile of distances: steps of BFGS, which tolerate creases where the foot jumps.
 
-Source: Lewis & Overton, Nonsmooth Optimization via Quasi-Newton Methods (2013): the line search asks for a sufficient
-gain and a flatter slope alone, by halving and doubling.
+Source: Lewis & Overton, Nonsmooth Optimization via Quasi-Newton Methods (2013): the line search requires only a
+sufficient decrease and a flatter slope, by halving and doubling.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Proven bounds of the Hausdorff distance of two curves in NumPy, for ends of fits that no program is at hand for.
+"""Proven bounds of the Hausdorff distance of two curves in NumPy, for fits that end without a compiled search.
 
 A piece of one curve lies in the hull of its control points, and the distance to any point y of the other curve is
 convex, so it is at most the largest of the control points' distances from y, here a foot of the middle: of second order

@@ -5,8 +5,8 @@ samples at once; those that can be near the top get feet. A maximum lies between
 the first and falls at the second, at a corner, or at an end. Between two samples it is bracketed by halving, then
 polished: one foot by Newton's method, two feet by making their distances equal.
 
-Nothing is proven: a maximum that is narrower than samples are apart can be missed. Whoever fits by these maxima checks
-the end by a proven distance and takes more samples where one was missed.
+Nothing is proven: a maximum that is narrower than the spacing of the samples can be missed. A fit by these maxima
+checks its end by a proven distance, and takes more samples if a maximum was missed.
 """
 
 from typing import Any, NamedTuple

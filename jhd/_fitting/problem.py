@@ -1,8 +1,8 @@
 """A target and a family of curves: the critical pairs at parameters, with derivatives, and counts of the work.
 
-Curves of few segments are searched for all local maxima, which all take part. Their work grows with the product of both
-numbers of segments, so beyond some of it the maxima near the top are looked for with trees (near_top), in a
-time that grows with the sum of both numbers; so they are where the time is too short to compile that search.
+Curves of few segments are searched for all local maxima, which all take part. This work grows with the product of both
+numbers of segments. Beyond a limit, the maxima near the largest are found with trees (near_top), in a time that grows
+with the sum of both numbers. This also serves if the time is too short to compile the full search.
 """
 
 from collections.abc import Callable

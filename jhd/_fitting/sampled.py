@@ -1,8 +1,8 @@
-"""Curves with many samples, in NumPy: points and derivatives at many places, and feet found from a tree of the samples.
+"""Curves with many samples, in NumPy: points and derivatives, and feet found with a tree of the samples.
 
-The nearest samples of a query are where Newton's method begins, so a foot is found in the time of one look into the
-tree, whatever the number of segments. Where two parts of the curve are nearly as near as each other, and nearer to each
-other than samples are apart, the wrong one can be taken; nothing is proven here.
+Newton's method begins at the nearest samples of a query, so a foot takes one query of the tree, whatever the number of
+segments. If two parts of the curve are about equally near, and nearer to each other than the spacing of the samples,
+the wrong part can be taken; nothing is proven here.
 """
 
 from functools import cached_property

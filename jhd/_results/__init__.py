@@ -1,1 +1,1 @@
-"""What functions return: solutions, results and events, errors, and how they are printed."""
+"""Results of functions: solutions, result codes and events, errors, and their printed forms."""

@@ -18,8 +18,8 @@ triangles of all tetrahedra with both signs, and no more.
 
 Rounding: f is known exactly, as a multiple with Bernstein coefficients over the box that are at most one. These are
 rounded once; a restriction costs four roundings for each degree and one for each axis of terms that add up to at most
-one. So all coefficients and values are off by at most `error` = gamma(4 n + 12), n the sum of the
-degrees, and k-th differences by 2^k times that. Values at nodes no larger than this are taken for zero.
+one. So all coefficients and values are off by at most `error` = gamma(4 n + 12), n the sum of the degrees, and k-th
+differences by 2^k times that. Values at nodes no larger than this are taken for zero.
 
 Source: Kuhn, Some combinatorial lemmas in topology (1960), for the tetrahedra; Doi & Koide, An efficient method of
 triangulating equi-valued surfaces by using tetrahedral cells (1991). The bound by slopes along axes is ours; small

@@ -1,4 +1,4 @@
-"""A tree of boxes over triangles as flat arrays, and a grid that names a near triangle for every place.
+"""A tree of boxes over triangles as flat arrays, and a grid that names a near triangle for every point.
 
 The triangles are sorted so that every 8^k consecutive ones, from a multiple of 8^k on, lie close together: ranges are
 halved at the median of the longest side of their centers, at multiples of the next block. Node i of level k then covers

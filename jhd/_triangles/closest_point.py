@@ -6,12 +6,13 @@ the eight children with these distances, and the host gathers the pairs that are
 the stack is short whatever the points are, and what they find shortens the rest. Pairs come in blocks of a few sizes,
 so few programs are compiled.
 
-A node is left out where its box is farther away than a distance found, by more than both can err; so the distances of
-its triangles are not below the computed one. Those of the others are known up to `error_factor` (see
-jhd._triangles.point_triangle), which gives the lower bound; the upper one is that of the triangle named.
+A node is left out if its box is farther away than a distance found, by more than the error of both. So the distances
+of its triangles are not below the computed distance. The distances of the other triangles are known up to
+`error_factor` (see jhd._triangles.point_triangle), which gives the lower bound; the upper bound is the distance to the
+triangle found.
 
-Source: the task is that of "3-D signed Euclidean distance transform and its applications" (Lin03, 2003), whose search
-around the nearest vertex can miss the nearest triangle; the search is ours.
+Source: the problem is posed in "3-D signed Euclidean distance transform and its applications" (Lin03, 2003), whose
+search around the nearest vertex can miss the nearest triangle; the search is ours.
 """
 
 from typing import Any, NamedTuple

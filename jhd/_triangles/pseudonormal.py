@@ -1,8 +1,8 @@
-"""Which points are on the inner side of a closed mesh, by the angle-weighted normal at their nearest point.
+"""Which points are inside a closed mesh, by the angle-weighted normal at their nearest point.
 
-Right for closed meshes without self-intersections, wrong for others. Faces have their own normal, edges the sum of
-those of their two triangles, vertices the sum of those of all their triangles weighted by the angles there. The
-published average, without weights, is wrong at some sharp vertices too, and there for comparison.
+Right for closed meshes without self-intersections, wrong for others. A face has its own normal. An edge has the sum of
+the normals of its two triangles. A vertex has the sum of the normals of all its triangles, weighted by their angles at
+the vertex. The published average, without weights, is also wrong at some sharp vertices; it is for comparison.
 
 Sources: Baerentzen & Aanaes, Signed distance computation using the angle weighted pseudonormal (2005); the average:
 Lin03 ("3-D signed Euclidean distance transform and its applications", 2003), section 3, detail 3.

@@ -1,4 +1,4 @@
-"""Maps of a cell of one shape into the parameters of another one that follow the feet, about; nothing here is proven.
+"""Approximate foot maps: from a cell of one shape to the parameters of another shape; nothing is proven here.
 
 A piece of a shape is one of a net, or a triangle, whose parameters are its three barycentric coordinates. Its sides are
 where one of its parameters is zero, or one in a net.

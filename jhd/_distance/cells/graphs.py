@@ -1,9 +1,10 @@
-"""Parts of polynomial surfaces as graphs: polynomials P(s, t) near a surface in a cell that it crosses in one sheet.
+"""Parts of implicit surfaces as graphs: polynomials P(s, t) near a surface in a cell that it crosses in one sheet.
 
-There it is the graph of a function of the two coordinates (s, t) in which the cell extends across it. P passes through
-points of it at some nodes, so it is off by an order of the size of the cell that is one above its degree. How far it is
-off is proven by the values of the polynomial on it and by the slope in the third coordinate: where |f(P)| <= B and f
-rises or falls in that coordinate at a rate of m at least, f is zero within B / m of P.
+Such a part is the graph of a function of the two coordinates (s, t) in which the cell extends across the surface. P
+passes through points of the surface at some nodes, so its error is of one order above its degree in the size of the
+cell. The error is proven by the values of the polynomial f of the surface on P and by the slope of f in the third
+coordinate: if |f(P)| <= B and f rises or falls in that coordinate at a rate of at least m, then f is zero within B / m
+of P.
 
 Rounding: P is its floating-point coefficients; all else is in jhd._arithmetic.truncated and in the errors of forms
 (jhd._distance.nearest.forms). Control points are sums of products of these with numbers of at most one, off by less

@@ -1,20 +1,20 @@
-"""Flat pieces beside surfaces and curves, near feet of a cell: the proxies of jhd._distance.cells.proxy_bounds.
+"""Flat pieces close to surfaces and curves, near feet of a cell: the proxies of jhd._distance.cells.proxy_bounds.
 
-Of a parametric shape the part that the cell projects to, a box of parameters, is compared with the linear map that fits
-its control points b_ij best: with L that map, b(u, v) = sum w_ij b_ij for non-negative w_ij of sum one that depend on
-u and v, so with (s, t) = sum w_ij (i / p, j / q)
+The part of a parametric shape to which the cell projects, a box of parameters, is compared with the linear map L that
+fits its control points b_ij best. Since b(u, v) = sum w_ij b_ij for non-negative w_ij of sum one that depend on u and
+v, with (s, t) = sum w_ij (i / p, j / q)
 
     |b(u, v) - L(s, t)| = |sum w_ij (b_ij - L(i / p, j / q))| <= max |b_ij - L(i / p, j / q)|,
 
-and (s, t) takes all values in [0, 1]^2, as sides go to sides. So each point of the parallelogram L has one of b within
-that.
+and (s, t) takes all values in [0, 1]^2, as sides go to sides. So each point of the parallelogram L has a point of b
+within this bound.
 
-Of a polynomial surface f = 0 it is a parallelogram in the tangent plane at the foot. On a box about it, with n the
-normal, let m > 0 bound the slope of f along n from below and let |f| <= e on the parallelogram. Then f has both signs
-on the line along n through each of its points, within e / m, as long as that stays within the box. Beside a face of
-the box the lines are those along the part of n in it, which never leave the box there; but where f is zero on all of
-the face they may cross it, since a zero beyond it is no nearer than the face. What is outside the box by rounding
-counts as moved to its border.
+For an implicit surface f = 0 the proxy is a parallelogram in the tangent plane at the foot. On a box about it, with n
+the normal, let m > 0 bound the slope of f along n from below and let |f| <= e on the parallelogram. Then f has both
+signs on the line along n through each of its points, within e / m, as long as this stays within the box. Next to a face
+of the box the lines run along the part of n in the face, so they never leave the box there. If f is zero on all of the
+face, they may cross it, since a zero beyond it is no nearer than the face. Points that are outside the box by rounding
+count as moved to its border.
 
 Rounding: control points of a part are off by eta (jhd._distance.normalization.net_jets) in each coordinate, the fit is
 whatever it is, and a residual takes three roundings; forms have their own bounds (jhd._distance.nearest.forms).

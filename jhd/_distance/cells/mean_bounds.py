@@ -1,30 +1,31 @@
-"""The distance over flat cells: proven bounds of it everywhere, of its mean and of the mean of its square.
+"""Proven bounds of the distance over flat cells: everywhere, of its mean, and of the mean of its square.
 
-A cell is a segment, triangle or parallelogram with corners v_i and middle c, its points spread evenly. With W the mean
-of |x - c|^2 over it, of any point p the mean of |x - p|^2 is |c - p|^2 + W.
+A cell is a segment, triangle or parallelogram with corners v_i and middle c, with its points spread evenly. With W the
+mean of |x - c|^2 over the cell, the mean of |x - p|^2 is |c - p|^2 + W for any point p.
 
-**Below.** The distance to b changes by at most |x - p|, so d(x) >= d(p) - |x - p| for every point p, near or far: from
-p on the far side of the cell from b, along the line from the foot of c, only W / (2 |c - p|) is lost. Such balls about
-far points are empty of b, and flat.
+**Below.** The distance to b changes by at most |x - p|, so d(x) >= d(p) - |x - p| for every point p, near or far. For p
+on the far side of the cell from b, along the line from the foot of c, only W / (2 |c - p|) is lost. Such balls about
+far points contain no point of b, and are flat.
 
-Of a mesh the triangles that may be the nearest ones of the cell are known, and of points the points. For any w with
-|w| <= 1 the distance to a convex piece is at least w.x - max w.f over its corners f. With w along the way from its foot
-to c nothing is lost at c, with that from the nearest foot nothing over faces beside it in one plane, and with w across
-the piece, on the side of c, nothing over it where b is hollow. The smallest of these over the pieces is concave, so
-over the cell it is at least the affine function l with its values at the corners, and its mean at least that of these.
+If b is a mesh or a point set, the triangles or points that may be nearest to the cell are known. For any w with
+|w| <= 1 the distance to a convex piece is at least w.x - max w.f over its corners f. With w from the foot on the piece
+to c, nothing is lost at c. With w from the nearest foot to c, nothing is lost over adjacent faces in one plane. With w
+across the piece, on the side of c, nothing is lost over the piece if b is hollow there. The smallest of these bounds
+over the pieces is concave. So over the cell it is at least the affine function l with its values at the corners, and
+its mean is at least the mean of l.
 
-**Above.** Flat pieces F with points of b within sag of all of theirs (jhd._distance.nearest.target) give the convex
-function f(x) = d(x, F) + sag. Over the cell it is at most the affine function u with its values at the corners: at most
-the largest of these, and its mean at most theirs, as each point is that mean of corners on the average. Of a polynomial
-part, whose points are such means of its control points, these take the place of the corners, here and with the pieces
-below. Where F is the foot q of c the mean of the squares is |c - q|^2 + W itself.
+**Above.** Flat pieces F, each of whose points has a point of b within sag (jhd._distance.nearest.target), give the
+convex function f(x) = d(x, F) + sag. Over the cell it is at most the affine function u with its values at the corners:
+at most the largest of them, and its mean is at most their mean, because on average the points weight all corners
+equally. The points of a polynomial part are such means of its control points, so the control points take the place of
+the corners, here and in the bounds from below by pieces. If F is the foot q of c, the mean of the squares is
+|c - q|^2 + W itself.
 
-**Between.** Over points, segments and triangles that are spread evenly l <= d <= u gives bounds of the mean of the
-square and of the shares where d is at most some level (jhd._distance.cells.affine). Over a face and beside its plane
-both are d itself, up to rounding: cells are best cut where that ends. Over a face, between the walls of the prism over
-it, the distance is that to its plane; so it is known up to rounding over cells that neither a wall nor the plane itself
-cuts. The planes are those of the faces that are nearest to the middle of a cell. Nothing hangs on them: any cut is a
-true one.
+**Between.** Over points, segments and triangles that are spread evenly, l <= d <= u bounds the mean of the square, and
+the fractions in which d is at most some level (jhd._distance.cells.affine). Over a face, between the walls of the prism
+over it and on one side of its plane, d is the distance to the plane, and both l and u are d itself, up to rounding. So
+cells are best cut by the walls and the planes. The planes are those of the faces that are nearest to the middle of a
+cell. No proof depends on them: any cut is valid.
 
 Rounding: sizes are at most `size`, and gamma(64) of it is more than the roundings of a sum of a few lengths.
 """

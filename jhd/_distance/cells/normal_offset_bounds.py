@@ -1,4 +1,4 @@
-"""Heights of a cell above pieces of a curved shape: what bounds the mean of its distances to fourth order.
+"""Bounds of mean distances to fourth order, from the heights of a cell above pieces of a curved shape.
 
 A cell is a segment or triangle of parameters u of one piece of a. On a piece of b, which may be continued a little, let
 sigma follow the feet (jhd._distance.cells.foot_maps), e = a - b(sigma), n a unit vector across b near the cell, s = n.e

@@ -1,22 +1,24 @@
-"""Upper bounds of the distance over cells of any shape, from flat pieces beside the other one.
+"""Upper bounds of the distance over cells of any shape, from flat pieces close to the opposite shape.
 
-A cell lies in the convex hull of some points c_i, but for a slack. Beside it lie flat pieces F_k (points, segments,
-parallelograms, triangles), of which every point has one of the other shape b within sag_k. Then for x in the cell
+A cell lies in the convex hull of some points c_i, up to a slack. Near it lie flat pieces F_k (points, segments,
+parallelograms, triangles), each of whose points has a point of the opposite shape b within sag_k. Then for x in the
+cell
 
     d(x, b) <= f_k(x) = d(x, F_k) + sag_k,
 
 which is a convex function, as F_k is a convex set. So for all weights w of the simplex the sum of w_k f_k^2, which is
 at least the smallest of all f_k^2, is largest at a c_i. The weights that are tried make its gradient along a vanish at
-the middle of the cell, as far as they can, which leaves a slack of second order at maxima of every kind.
+the middle of the cell, as far as possible, which leaves a slack of second order at maxima of every kind.
 
-**Cuts.** Where a cell lies beside two pieces that meet at an angle or in one plane, no weights serve. Let h_i be any
+**Cuts.** If a cell lies near two pieces that meet at an angle or in one plane, no weights serve. Let h_i be any
 numbers. The points x = sum l_i c_i of the hull with sum l_i h_i <= 0 are combinations of the c_i with h_i <= 0 and of
-the points x_ij on the lines between those and the others where h vanishes; likewise beyond. So the larger of f_j^2 at
-the ones and f_k^2 at the others, and both at all x_ij, bounds min(f_j^2, f_k^2). With h the signed root of the
-difference of the squares it is exact where j and k lie in one plane: the root is the distance to the wall between them.
+the points x_ij at which h vanishes on the lines from these c_i to the others. The same holds for the remaining points,
+with h_i > 0. So the larger of f_j^2 at the c_i with h_i <= 0 and f_k^2 at the others, and both at all x_ij, bounds
+min(f_j^2, f_k^2). With h the signed root of the difference of the squares it is exact if j and k lie in one plane: the
+root is the distance to the wall between them.
 
-Rounding. A point of F_k is computed within gamma(8) of the sum of sizes of what it is made of, a difference and its
-length likewise; gamma(64) of the largest such sum is more than all of that. Sums of weighted squares are of positive
+Rounding. A point of F_k is computed within gamma(8) of the sum of the sizes of its terms, and so are a difference and
+its length; gamma(64) of the largest such sum is more than all of these errors. Sums of weighted squares have positive
 terms, relative to which gamma(16) is enough.
 
 Source: convexity as for meshes (jhd._distance.cells.triangles); weights and cuts are ours.

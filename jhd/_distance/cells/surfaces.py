@@ -1,4 +1,4 @@
-"""Proven upper bounds of the distance over parts of polynomial surfaces, for many cells at once, from feet.
+"""Proven upper bounds of the distance over parts of implicit surfaces, for many cells at once, from feet.
 
 A cell C is a box. With f_a zero on a, and q_k points of b, every point p of a in C has
 

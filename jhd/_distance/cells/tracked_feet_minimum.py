@@ -1,4 +1,4 @@
-"""Lower bounds over a cell of a, of functions of its place and of a place on b, that are convex in the latter.
+"""Lower bounds of functions of a point of a cell of a and a point of b that are convex in the point of b.
 
 Let L(u, x) have second derivatives in x of at least 2 diag(k), k > 0, on a box that holds the places x in question and
 the values of a map Q(u), and let R(u) be its first derivatives at Q. Then for all such x

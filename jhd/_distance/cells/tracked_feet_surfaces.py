@@ -1,4 +1,4 @@
-"""Proven lower bounds of the distance of two polynomial surfaces by feet and multipliers that move with the place.
+"""Proven lower bounds of the distance of two implicit surfaces by feet and multipliers that move with the place.
 
 In a cell that a = {f = 0} crosses in one sheet it is near a polynomial P(s, t) (jhd._distance.cells.graphs). To it
 belong polynomials Q(s, t) and v(s, t): about a nearest point of b = {g = 0}, which need not be in the cell D of b, and

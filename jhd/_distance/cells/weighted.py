@@ -1,11 +1,12 @@
-"""Means, shares and quantiles of values that are known within bounds, with weights that are known within bounds.
+"""Means, fractions and quantiles of values that are known within bounds, with weights that are known within bounds.
 
-Of a mean sum w_i x_i / sum w_i with w_i in [a_i, b_i] the least value is attained with w_i = b_i where x_i is below
-some level and a_i above it; all levels are tried, in the order of the values. Shares and quantiles are such means of
-zeros and ones, or of the shares of cells in which a value is at most a level, where affine functions bound it.
+The least value of a mean sum w_i x_i / sum w_i with w_i in [a_i, b_i] is attained with w_i = b_i for x_i below some
+level and w_i = a_i above it; all levels are tried, in the order of the values. Fractions and quantiles are such means
+of zeros and ones. If affine functions bound a value, they are means of the fractions of cells in which the value is at
+most a level.
 
-Rounding: sums of n positive terms err by gamma(n) relative to themselves, one after the other or not. Weights that are
-known exactly, as those of points are, have exact sums and quantiles, in whole numbers.
+Rounding: sums of n positive terms err by gamma(n) relative to themselves, whatever the order of the terms. Weights that
+are known exactly, for example weights of points, have exact sums and quantiles, in whole numbers.
 """
 
 from bisect import bisect_left

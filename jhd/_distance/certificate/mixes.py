@@ -1,4 +1,4 @@
-"""The proofs of a certificate of any two shapes.
+"""Proofs of a certificate for two shapes of any kinds.
 
 For a largest distance they are cells for the upper bound and a point for the lower one. For a smallest distance they
 are pairs of parts for the lower bound and a point on each shape for the upper one.

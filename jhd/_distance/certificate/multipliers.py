@@ -1,4 +1,4 @@
-"""Multipliers with which several feet prove the bound of a cell where none of them does alone.
+"""Multipliers with which several feet prove the bound of a cell if no single foot does.
 
 The slack of a foot is the squared bound less the squared distance. At the place q of the cell where the largest of the
 slacks is smallest, two or more are equal, about zero where the bound is sharp; a combination of them is not negative

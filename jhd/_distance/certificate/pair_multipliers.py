@@ -1,4 +1,4 @@
-"""Multipliers that prove that two parts are apart of which one at least holds zeros of a polynomial.
+"""Multipliers that prove that two parts are apart, if at least one of them belongs to an implicit surface.
 
 The polynomial that must not be negative, |x - y|^2 - bound^2 + m f_a(x) + n f_b(y), is linear in the numbers of the
 multipliers, one for each corner of a part. Its columns are taken from the exact polynomials, as Bernstein coefficients

@@ -1,4 +1,4 @@
-"""Shapes of every kind on the host: places, points and feet in floating point, and the pieces in integers.
+"""Shapes of every kind on the host: points and feet in floating point, and the pieces in integers.
 
 Coordinates are moved to a center and divided by a power of two that leaves at most about one, so that squares are
 numbers. What is proposed here is checked in integers on the stored arrays; nothing is proven here.

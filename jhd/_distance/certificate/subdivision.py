@@ -11,7 +11,7 @@ cell is cut where the distance is largest, which is where an exact bound needs a
 
 All of this is floating point; jhd._distance.certificate.verification checks the result exactly.
 
-Source: METHODS in the sense of Alt, Behrends & Bloemer for the covering; the multipliers are those of the S-procedure.
+Source: Alt, Behrends & Bloemer for the covering; the multipliers are known as the S-procedure.
 """
 
 from collections.abc import Callable

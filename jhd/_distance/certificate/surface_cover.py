@@ -1,6 +1,6 @@
-"""Cells of a certificate where one of the shapes at least is a polynomial surface, cut until integers accept them.
+"""Cells of a certificate for pairs with an implicit surface, cut until integers accept them.
 
-The cells of a polynomial surface are tetrahedra of its box; one that holds no zero needs nothing more. The feet of a
+The cells of an implicit surface are tetrahedra of its box; one that holds no zero needs nothing more. The feet of a
 few places in a cell say which parts of the other shape are near, and each foot, moved with the places of the cell,
 makes one map. What multipliers it takes is told by linear programs (surface_multipliers), and integers check it.
 """
@@ -59,7 +59,7 @@ class _SurfaceCell(NamedTuple):
 def cover_with_surfaces(
     source: Side, target: Side, upper: float, max_cells: int, report: Callable[[int, int], None]
 ) -> list[dict[str, Any]]:
-    """As `cover_by_cells`, of shapes of which one or both are polynomial surfaces; all in the unit of the arrays."""
+    """As `cover_by_cells`, of shapes of which one or both are implicit surfaces; all in the unit of the arrays."""
     if isinstance(target, SurfaceSide) and not target.is_found:
         raise UncoveredError("no point of the other surface is proven: no change of sign of its polynomial was found.")
     left, entries = _first(source), []

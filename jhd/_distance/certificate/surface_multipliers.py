@@ -1,4 +1,4 @@
-"""Multipliers that prove the bound of a cell beside polynomial surfaces, found by linear programs.
+"""Multipliers that prove the bound of a cell near implicit surfaces, found by linear programs.
 
 The polynomial that must not be negative,
 
@@ -45,8 +45,8 @@ class Terms(NamedTuple):
 
     Args:
         slacks: (feet, samples), over the square of the bound.
-        there: (feet, samples), or no rows where the feet are on no polynomial surface.
-        here: (samples,), or None where the source is no polynomial surface.
+        there: (feet, samples), or no rows where the feet are on no implicit surface.
+        here: (samples,), or None where the source is no implicit surface.
     """
 
     slacks: np.ndarray

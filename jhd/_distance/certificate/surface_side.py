@@ -1,4 +1,4 @@
-"""A polynomial surface on the host: points of it, feet of points on it, and its pieces in integers.
+"""An implicit surface on the host: points of it, feet of points on it, and its pieces in integers.
 
 Points of it are found where the polynomial changes its sign along the lines of a grid, those in the faces of the box
 among them. A foot is followed by Newton's method for the equations of Lagrange, along the faces of the box that it has
@@ -42,7 +42,7 @@ class SurfaceFoot(NamedTuple):
 
 
 class SurfaceSide:
-    """A polynomial surface of a pair, in the unit of its coordinates.
+    """An implicit surface of a pair, in the unit of its coordinates.
 
     Args:
         surface: the surface.

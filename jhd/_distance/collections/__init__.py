@@ -1,1 +1,1 @@
-"""Many pairs of shapes: blocks of them in one program, executors, proven bounds of all pairs, and what is kept."""
+"""Distances of many pairs of shapes: blocks of pairs, executors, certified bounds of all pairs, and stores."""

@@ -1,9 +1,9 @@
-"""Pairs of curves in blocks: shapes padded to few sizes, one compiled program a size, which measures pair after pair.
+"""Pairs of curves in blocks: shapes are padded to a few sizes, with one compiled function for each size.
 
-Degrees are raised within the program, by matrices that are handed in, after coordinates were centered: so the errors
-are those that jhd._distance.normalization.curves accounts for, and one program serves curves of several degrees. What a
-pair gets depends on its two curves alone, to the last bit, and not on the block it comes in. Where a process has
-several devices each of them measures a share of a block.
+Degrees are raised within the compiled function, by matrices that are passed in, after coordinates were centered. So
+jhd._distance.normalization.curves accounts for the errors, and one function serves curves of several degrees. The
+result of a pair depends on its two curves alone, to the last bit, and not on its block. If a process has several
+devices, each of them measures a part of a block.
 """
 
 from functools import lru_cache

@@ -1,6 +1,6 @@
 """Entry points for many shapes: all pairs, the nearest shapes of each query, all pairs within a threshold.
 
-Shapes can be of any kinds, in every mix of one dimension. Curves, which may differ in degree and number of segments,
+Shapes can be of any kinds, also mixed, of one dimension. Curves, which may differ in degree and number of segments,
 are measured in blocks by a few compiled functions; shapes of other kinds one after the other. The work runs on threads,
 or on any executor.
 

@@ -1,8 +1,8 @@
-"""The nearest shapes of each query from few of the distances.
+"""The nearest shapes of each query, from a small fraction of all distances.
 
 Proven bounds of all pairs come from pivot distances. A shape whose lower bound is above the k-th smallest upper bound
-of a query is none of its k nearest. What is left is measured, the smallest lower bounds first, up to the best bound so
-far: a distance that turns out to be larger is not followed to its end.
+of a query is not among its k nearest. The remaining shapes are measured, the smallest lower bounds first, up to the
+best bound so far: the search of a larger distance ends early.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
-"""A folder that keeps the distances of a long call part by part, so that another call goes on where it ended.
+"""A folder that keeps the distances of a long call part by part, so that a later call continues there.
 
-A part is a file of NumPy's format beside a manifest in JSON. Each is written beside its place, forced to the disk and
-then renamed: it is whole or absent, also after a kill or a loss of power. The manifest has a fingerprint of all that
-the numbers depend on, and a folder made for something else is refused. One call at a time may write.
+A part is a file in NumPy's format, next to a manifest in JSON. Each file is written under a temporary name, forced to
+the disk and then renamed: it is whole or absent, also after a kill or a loss of power. The manifest has a fingerprint
+of everything that the numbers depend on, and a folder made for other inputs is refused. One call at a time may write.
 """
 
 import hashlib

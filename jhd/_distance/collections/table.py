@@ -1,4 +1,4 @@
-"""All distances of two collections: the table that is filled part by part, from a store where they are kept."""
+"""The table of all distances of two collections, filled part by part, or read from a store."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor

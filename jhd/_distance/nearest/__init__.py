@@ -1,1 +1,1 @@
-"""The proven nearest point of one shape: of a curve, a polynomial surface, a mesh."""
+"""Proven nearest points of one shape: of a curve, an implicit surface or a mesh."""

@@ -1,4 +1,4 @@
-"""Polynomials on boxes in Bernstein form, and proven lower bounds of distances to a polynomial surface there.
+"""Polynomials on boxes in Bernstein form, and proven lower bounds of distances to an implicit surface there.
 
 For a point p and a box C, the smallest Bernstein coefficient of |q - p|^2 - lambda f_b(q) over C bounds the squared
 distance of p from the part of b in C, for every real lambda; those tried make its gradient vanish as far as they can.

@@ -1,8 +1,8 @@
 """Nearest points of a triangle mesh, with proven bounds.
 
-Where all numbers are known the tree of jhd._triangles.closest_point is searched from the host. Under tracing every
-triangle is looked at: the work is that of all pairs, in blocks that bound the memory, and the proof is the same. The
-published local search, VertexVoxels, is there for comparison.
+If all numbers are known, the tree of jhd._triangles.closest_point is searched from the host. Under tracing every query
+is compared with every triangle, in blocks that bound the memory; the proof is the same. The published local search,
+VertexVoxels, is for comparison.
 """
 
 from abc import abstractmethod

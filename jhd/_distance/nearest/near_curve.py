@@ -1,4 +1,4 @@
-"""A curve as a search looks at it: where to start the search of a foot, and proven nearest points.
+"""A curve as the target of a search: starts for the search of a foot, and proven nearest points.
 
 Samples of a short curve are compared all at once; a long one is looked at in blocks (jhd._distance.nearest.blocks).
 """

@@ -1,7 +1,7 @@
 """Points of implicit surfaces in boxes, for many at once: near a place, nearest to a point, and their proof.
 
-Points and feet are found by a few steps of Newton's method that keep to the box. Nothing hangs on them: a point is
-proven where the polynomial has two signs on a short segment of the closed box about it, or where it lies on a face, an
+Points and feet are found by a few steps of Newton's method within the box. No proof depends on them: a point is
+proven if the polynomial has two signs on a short segment of the closed box about it, or if it lies on a face, an
 edge or a corner on which the polynomial is known to be zero. In floating point the signs are those of enclosures, which
 err by far more than an ulp of the point; in integers they are exact.
 """

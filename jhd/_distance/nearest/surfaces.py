@@ -1,8 +1,8 @@
-"""The proven distance from a point to an implicit surface in its box, and what a search of any kind starts from.
+"""The proven distance from a point to an implicit surface in its box, and the start of every search on a surface.
 
-A best-first search over boxes: those where the polynomial has no zero go, of the others the lower bounds of
-jhd._distance.cells.surfaces are kept, and the nearest is cut into eight. Their smallest bound is a bound of the
-distance at every moment; a proven foot ends the search when it is as near.
+A best-first search over boxes: boxes in which the polynomial has no zero are dropped, the lower bounds of
+jhd._distance.cells.surfaces of the others are kept, and the nearest box is cut into eight. The smallest of these bounds
+is a bound of the distance at every moment; a proven foot at this distance ends the search.
 """
 
 from typing import Any, NamedTuple

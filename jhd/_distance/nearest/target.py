@@ -1,7 +1,7 @@
-"""What distances are taken to: shapes that know their nearest points, for many queries at once, from the host.
+"""Targets of distances: shapes that find their nearest points to many queries at once, from the host.
 
-A target answers in the user's coordinates, with bounds that are rounded outward, so whoever asks needs no frame. It
-prepares once what its searches share (a tree, samples, a cover), and can be asked as often as one likes.
+A target answers in the user's coordinates, with bounds that are rounded outward, so callers need no normalization. It
+prepares the common data of its searches (a tree, samples, a cover) once, for any number of queries.
 """
 
 from abc import ABC, abstractmethod
@@ -66,7 +66,7 @@ class FootRows(NamedTuple):
         point: the points.
         error: the shape has a point within this; infinite where none is proven.
         segment: the part of the shape that holds each, as in Projection.
-        t: its parameters there, in as many columns as there are, none on polynomial surfaces.
+        t: its parameters there, in as many columns as there are, none on implicit surfaces.
     """
 
     point: Float[np.ndarray, "*cells feet dim"]

@@ -1,1 +1,1 @@
-"""Common coordinates for every kind of shape, jets there, and what is asked of a search."""
+"""Common coordinates for every kind of shape, jets in them, and the stopping criteria of searches."""

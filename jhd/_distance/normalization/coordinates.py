@@ -1,9 +1,9 @@
 """Common coordinates of two shapes: moved to the origin between two scalings by powers of two, and the way back.
 
 The first power keeps the center from overflowing, the second brings the extent that is left to order one; both are
-exact, flushed subnormals aside, so only the subtraction of the center rounds, once for each coordinate. Where that must
-not be, `exact_middle` moves only what moves without rounding, and `origin` nothing. All that a frame depends on are the
-extreme corners of both shapes.
+exact, flushed subnormals aside, so only the subtraction of the center rounds, once for each coordinate. If nothing may
+round, `exact_middle` moves only what moves without rounding, and `origin` moves nothing. The common coordinates depend
+only on the extreme corners of both shapes.
 """
 
 from collections.abc import Callable, Sequence

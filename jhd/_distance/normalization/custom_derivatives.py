@@ -1,4 +1,4 @@
-"""Derivatives attached to numbers that were found without them, in the same way for every search.
+"""Derivatives attached to numbers that a search found without them, in one way for all searches.
 
 No search is differentiated: what it finds are constants. The equations that hold there make the same numbers functions
 of the shapes, and `number + f - constant(f)` has the digits of the number and the derivatives of f, of all orders.

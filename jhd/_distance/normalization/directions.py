@@ -1,4 +1,4 @@
-"""The Hausdorff distance of two directed ones: one search for both, the larger of them, the larger of their bounds."""
+"""The Hausdorff distance from both directed distances: a joint search, the larger distance, the larger bounds."""
 
 from collections.abc import Callable
 from dataclasses import replace

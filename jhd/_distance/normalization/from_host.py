@@ -1,7 +1,7 @@
-"""Searches that need the host inside compiled programs: under jit, vmap and grad they are called from there.
+"""Host searches inside compiled functions: under jit, vmap and grad they are called back from there.
 
-What is called is not differentiated; derivatives are attached to its answer outside, by the rules that serve known
-shapes. Of a batch the searches run one after the other.
+The search is not differentiated; derivatives are attached to its result outside, by the rules for known shapes. The
+searches of a batch run one after the other.
 
 A search computes on a device of its own (`host_device`): the compiled function that waits for it may occupy all threads
 of its device. JAX would choose the function's device, and what runs on a chosen device is not kept on disk.

@@ -1,10 +1,10 @@
-"""Derivatives of a few numbers that a search found, by functions of the few rows of the shapes that they hang on.
+"""Derivatives of numbers that a search found, as functions of the few rows of the shapes that determine them.
 
-What is said in jhd._distance.normalization.custom_derivatives holds: the numbers found are constants, and a function
-that has their values at the location found has the derivatives. Numbers whose derivatives nobody takes cost nothing.
-Inside jit the derivatives are part of the program. Where the shapes are known, and a derivative is being taken around
-the call, each of its operations would be compiled by itself, in every process. So all slopes in the rows are found
-there by a program of its own, which is kept and serves shapes of any number of rows.
+As in jhd._distance.normalization.custom_derivatives, the numbers found are constants, and a function that has their
+values at the location found has the derivatives. Derivatives that nobody takes cost nothing. Inside jit they are part
+of the compiled function. If the shapes are known and a derivative is taken around the call, each operation would be
+compiled separately, in every process. So one compiled function, which is kept, computes all slopes in the rows; it
+serves shapes of any number of rows.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
-"""Points of polynomial surfaces where the polynomial does not change its sign, in common coordinates.
+"""Points of implicit surfaces where the polynomial does not change its sign, in common coordinates.
 
-A surface may have such points alone, as a sphere that touches its box from outside has one: no sign proves them, and
-enclosures leave a ball about them of the size of the root of the roundoff. Of known surfaces they are looked for and
-proven beforehand (jhd._arithmetic.isolated_zeros): of what lies within a cube about one only a small ball counts.
+A surface may have only such points, for example a sphere that touches its box from outside: no sign proves them, and
+enclosures leave a ball about them of the size of the square root of the roundoff. For known surfaces they are found and
+proven beforehand (jhd._arithmetic.isolated_zeros): within a cube about such a point only a small ball counts.
 """
 
 from fractions import Fraction

@@ -1,4 +1,4 @@
-"""What is asked of a search: how close its bounds are to be, and what of the distance matters."""
+"""Stopping criteria of a search: the tolerance of its bounds, and the range in which the distance matters."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

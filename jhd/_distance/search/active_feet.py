@@ -1,4 +1,4 @@
-"""The feet that count at the farthest place: those about equally near that balance there."""
+"""The active feet of the farthest point: feet at about equal distances that balance there."""
 
 from collections.abc import Callable
 

@@ -1,8 +1,8 @@
 """Points of one surface that may be farthest from the other: polished to a local maximum, and measured with a proof.
 
-Polishing is by cutting planes: the maximum of the smallest distance to some feet is found, its nearest point on b is
-added to the feet where it is another one, and so on, until the feet are all that count there. What is proven is the
-distance of a point from all of b, less the length within which a has a point there.
+Polishing uses cutting planes: it finds the maximum of the smallest distance to some feet, and adds the nearest point on
+b of this maximum to the feet, until no further foot appears. The proof bounds the distance of a point from all of b,
+less the length within which a has a point there.
 """
 
 from typing import NamedTuple

@@ -1,9 +1,9 @@
 """The search for the minimum distance: pairs of cells, those with the smallest bounds cut first.
 
-The table of pairs is sorted by lower bound. A step takes the first of them, cuts each in two where it is longest in
-space, bounds the halves, and sorts them in. Pairs whose bounds come within the tolerance of the smallest distance found
-are closed; what does not fit into the table is left out and its bound kept, so that the bounds are true whatever
-happens.
+The table of pairs is sorted by lower bound. A step takes the first pairs, cuts each in two where it is longest in
+space, bounds the halves, and sorts them in. A pair is closed when its bound is within the tolerance of the smallest
+distance found. If a pair does not fit into the table, it is left out and its bound is kept, so the bounds are always
+true.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,10 +1,10 @@
-"""Minimum distances of triangle meshes: the search from the host, and derivatives of its answer.
+"""Minimum distances of triangle meshes: the search from the host, and derivatives of its result.
 
-Sets of points and polylines are meshes of degenerate triangles, so they are served too. Meshes are surfaces and not the
-solids that they may bound: one inside the other has the distance of the surfaces.
+Point sets and polylines are meshes of degenerate triangles, so they are served too. Meshes are surfaces and not the
+solids that they may bound: for a mesh inside another one, the result is the distance of the surfaces.
 
-The derivative is that of the distance of the features that hold the nearest points: two points, a point and a line, a
-point and a plane, or two lines. So it is right to any order wherever the points stay on these features.
+The derivative is the derivative of the distance between the features that hold the nearest points: two points, a point
+and a line, a point and a plane, or two lines. So it is right to any order if the points stay on these features.
 """
 
 from dataclasses import replace

@@ -1,7 +1,7 @@
-"""Directed distances of shapes of any two kinds: which search serves, its frame and its tolerance.
+"""Directed distances of shapes of any two kinds: the search that serves them, common coordinates, and tolerances.
 
-A set of points needs no cells. All get a proven upper bound at once, from a point of the target near them; then the
-farthest ones are measured, until the largest distance proven reaches the next upper bound.
+A point set needs no cells. All points get a proven upper bound at once, from a point of the target near them; then the
+farthest points are measured, until the largest distance proven reaches the next upper bound.
 """
 
 from functools import partial
@@ -50,7 +50,7 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import BezierPatches
 from jhd._shapes.prepared import prepared
 
-# What cannot be told in the search over a polynomial surface, in units of roundoff of the common coordinates.
+# What cannot be told in the search over an implicit surface, in units of roundoff of the common coordinates.
 _ULPS = 512
 # The size of points, in units of a surface, from which on their common box is the unit; by the bytes of a number.
 _FAR = {8: 2.0**400, 4: 2.0**40}
@@ -78,7 +78,7 @@ def mixed_directed(
         direction: a member of DIRECTIONS.
 
     Raises:
-        ValueError: a polynomial surface without points in its box (not under tracing).
+        ValueError: an implicit surface without points in its box (not under tracing).
     """
     if isinstance(a, TriangleMesh) and is_points(b):
         points: Any = as_mesh(b)
@@ -178,7 +178,7 @@ def _pieces(shape: Any, moved: Any) -> Net | Triangles | None:
 
 
 def together(a: Any, b: Any) -> Together:
-    """Both in common coordinates; where one is a polynomial surface all but its own move without rounding."""
+    """Both in common coordinates; where one is an implicit surface all but its own move without rounding."""
     if not any(isinstance(x, ImplicitSurface) for x in (a, b)):
         p, q, frame, moved = prepare_nets(_net(a), _net(b))
         return Together(_common(a, p, frame), _common(b, q, frame), frame, moved)
@@ -195,7 +195,7 @@ def together(a: Any, b: Any) -> Together:
 
 
 def _net(shape: Any) -> Any:
-    """What a frame is made for: a polynomial surface itself, the box of points and meshes, the net of others."""
+    """What a frame is made for: an implicit surface itself, the box of points and meshes, the net of others."""
     if isinstance(shape, ImplicitSurface):
         return shape
     if isinstance(shape, TriangleMesh):

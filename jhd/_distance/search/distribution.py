@@ -1,8 +1,8 @@
-"""How the distance to a shape is distributed along another one: its mean, its root mean square, and cells for the rest.
+"""Distribution of the distance to a shape over another: its mean, its root mean square, and cells for quantiles.
 
 Cells of a with proven measures (jhd._distance.search.weighted_cells) get proven bounds of the distance over them and of
-its means there (jhd._distance.cells.mean_bounds). A step cuts those that leave most of the gaps, until both means are
-known to the tolerance. What is asked for later (quantiles, shares) comes from the same cells.
+its means there (jhd._distance.cells.mean_bounds). A step cuts the cells that contribute most to the gaps, until both
+means are known to the tolerance. Later requests (quantiles, fractions) use the same cells.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Searches for the farthest point that run as one compiled program a stretch: of curves, and of implicit surfaces."""
+"""Searches for the farthest point, in stretches of one compiled function: for curves and for implicit surfaces."""
 
 from functools import lru_cache, partial
 from typing import Any

@@ -1,11 +1,11 @@
-"""Hausdorff distances from curves, surfaces and meshes to any shape: the place on a that is farthest from all of b.
+"""Hausdorff distances from curves, surfaces and meshes to any shape: the point of a that is farthest from b.
 
-Cells of a wait with proven upper bounds (jhd._distance.search.sources). A step takes those with the largest, cuts them,
-looks for points of b near their middles and corners, and bounds the parts by these. A place whose distance to all of b
-is proven to be large raises the lower bound: where nearest points cost little, each is looked at, else those that seem
-to be farthest in the cells with the largest bounds, whose feet are then better as well. Cells are dropped as soon as
-their bound is within the tolerance of the lower one. Of the feet that are known near a cell some are kept for its
-parts.
+Cells of a wait with proven upper bounds (jhd._distance.search.sources). A step takes the cells with the largest bounds,
+cuts them, finds points of b near their middles and corners, and bounds the parts by these. A point with a large proven
+distance to all of b raises the lower bound. If nearest points cost little, the search measures each point, otherwise
+only points that seem to be farthest in the cells with the largest bounds, whose feet then improve as well. A cell is
+dropped as soon as its bound is within the tolerance of the lower bound. Some of the feet known near a cell are kept for
+its parts.
 """
 
 import time

@@ -1,7 +1,7 @@
 """Bounds over cells by feet that are followed over them, if one of the shapes is an implicit surface.
 
 The feet lie on pieces of the other shape, or on the surface itself (jhd._distance.cells.tracked_feet_surfaces). In a
-cell that it crosses in one sheet a polynomial surface is about a polynomial graph, proven to be so close to it
+cell that it crosses in one sheet an implicit surface is about a polynomial graph, proven to be so close to it
 (jhd._distance.cells.graphs). That is a piece of a parametric surface, and is bounded like one, cuts included.
 """
 
@@ -38,7 +38,7 @@ _ABOUT = 2.0 ** -np.arange(15.0, 5, -3)
 
 
 class FollowedGraphs:
-    """Bounds between a polynomial surface and a shape of pieces, in common coordinates.
+    """Bounds between an implicit surface and a shape of pieces, in common coordinates.
 
     Args:
         side: the surface whose cells are bounded.

@@ -1,4 +1,4 @@
-"""Whole searches called from compiled programs; what a plain call refuses, the result says there."""
+"""Whole searches called from compiled functions; their result reports inputs that a plain call refuses."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

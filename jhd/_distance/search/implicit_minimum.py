@@ -1,8 +1,8 @@
-"""Minimum distances where a shape is an implicit surface: the search, and derivatives of its answer.
+"""Minimum distances of implicit surfaces to shapes of any kind: the search, and derivatives of its result.
 
-All of it is in common coordinates, to which surfaces and control points move without rounding where they are known.
-From the host the nearest points found are made sharp between the stretches of the search: the Lagrange system is solved
-about them, and signs in integers prove the surface to be within an ulp or two, where those of enclosures need hundreds.
+The search runs in common coordinates, to which surfaces and control points move without rounding if they are known.
+Between the stretches of the search, the host refines the nearest points found: it solves the Lagrange system about
+them, and signs in integers prove that the surface is within an ulp or two; signs of enclosures need hundreds.
 """
 
 from functools import partial

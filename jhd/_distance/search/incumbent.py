@@ -1,6 +1,6 @@
-"""Places of a source that are farther from a target than one that a search has found, and the feet that count there.
+"""Proposals of points of a source that are farther from a target than the best point so far, with active feet.
 
-A proposal is measured before it is taken: its distance is proven like that of any other place.
+A proposal is measured before it is accepted: its distance is proven like the distance of any other point.
 """
 
 from typing import NamedTuple

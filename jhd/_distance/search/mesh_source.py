@@ -1,4 +1,4 @@
-"""Triangle meshes as what distances are maximized over; see jhd._distance.search.sources."""
+"""Triangle meshes as sources of distances; see jhd._distance.search.sources."""
 
 import math
 

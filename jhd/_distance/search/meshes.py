@@ -1,9 +1,8 @@
-"""Hausdorff distances of triangle meshes: branch and bound over the triangles of the one, with proven bounds.
+"""Hausdorff distances of triangle meshes: branch and bound over the triangles of one mesh, with proven bounds.
 
-The lower bound is the distance of the best point found, the upper one the largest bound of a cell that was not needed
-any more, or that is still waiting (see jhd._distance.cells.triangles). In a step a bounded number of cells, those with
-the largest bounds, are split from the host, and cells are dropped as soon as their bound is within the tolerance of the
-lower one.
+The lower bound is the distance of the best point found. The upper bound is the largest bound of all cells, dropped or
+waiting (see jhd._distance.cells.triangles). In a step the host splits a bounded number of cells, those with the largest
+bounds. A cell is dropped as soon as its bound is within the tolerance of the lower bound.
 
 Sources: Kang, Kyung, Yoon, Kim, Fast and robust Hausdorff distance computation from triangle mesh to quad mesh in near-
 zero cases (2018), and CGAL's bounded-error Hausdorff distance, after Tang, Lee, Kim, Interactive Hausdorff distance

@@ -1,8 +1,8 @@
-"""Which cells of a polynomial surface and which of many pieces may hold the nearest points of both.
+"""The cells of an implicit surface and the pieces of another shape that may hold the nearest points of both.
 
-Two points, one proven on each shape, give an upper bound; they are looked for by going to and fro between feet. Pairs
-of boxes that are farther apart hold no nearest points. The cells of the surface are cut until they are about as large
-as the pieces that are left, so that a search begins with few and small pairs, not with the whole box for each piece.
+Two points, one proven on each shape, give an upper bound; alternating projections find them. Pairs of boxes that are
+farther apart hold no nearest points. The cells of the surface are cut until they are about as large as the remaining
+pieces, so that a search begins with few and small pairs, not with the whole box for each piece.
 """
 
 from functools import partial

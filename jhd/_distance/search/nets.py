@@ -1,4 +1,4 @@
-"""Minimum distances of curves and parametric surfaces: in one program under tracing, from the host elsewhere."""
+"""Minimum distances of curves and parametric surfaces: in one compiled function under tracing, else from the host."""
 
 from functools import partial
 from typing import Any

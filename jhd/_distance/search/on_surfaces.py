@@ -1,4 +1,4 @@
-"""Nearest points of polynomial surfaces, proven, for many queries at once; see jhd._distance.nearest.surfaces.
+"""Nearest points of implicit surfaces, proven, for many queries at once; see jhd._distance.nearest.surfaces.
 
 A query so far away that the whole box is one place beside it is answered by the box and by a proven point in it.
 """
@@ -44,7 +44,7 @@ _FAR = {8: 2.0**56, 4: 2.0**26}
 
 
 class SurfaceTarget(AbstractTarget):
-    """A polynomial surface in coordinates of its own, or in common ones.
+    """An implicit surface in coordinates of its own, or in common ones.
 
     Raises:
         ValueError: the surface is proven to have no point in its box.

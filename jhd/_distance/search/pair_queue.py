@@ -1,8 +1,8 @@
 """A search for the minimum distance whose pairs are too many for one table: the nearest ones are searched first.
 
-The pairs wait in a list sorted by lower bound. When the table has none left that matter it is filled with the next
-part of the list, until the bounds of what waits are no less than the smallest distance found. So tables have one
-length, whatever the number of pairs, and programs are compiled once.
+The pairs wait in a list sorted by lower bound. When the table has no relevant pair left, it is filled with the next
+part of the list, until the bounds of the waiting pairs are no less than the smallest distance found. So tables have one
+length, whatever the number of pairs, and functions are compiled once.
 """
 
 from collections.abc import Callable

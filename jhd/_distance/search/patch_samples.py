@@ -1,4 +1,4 @@
-"""Samples of parametric shapes, from which feet are looked for, and which are at one place; nothing is proven."""
+"""Samples of parametric shapes: starts for the search of feet, and samples at the same point; nothing is proven."""
 
 from functools import cached_property
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Sets of points: what they are, as degenerate triangles, and those of them that may be nearest to a shape."""
+"""Point sets as degenerate triangles, and the points of a set that may be nearest to a shape."""
 
 from typing import Any
 

@@ -1,7 +1,7 @@
-"""The farthest place to full precision, on a parametric piece or a triangle: a proposal, nothing is proven.
+"""The farthest point to full precision, on a parametric piece or a triangle: a proposal, nothing is proven.
 
 A search knows its place to about the root of the gap. Let d_k be the distances of a(x) to the feet that count, each
-followed on its piece of b or on a polynomial surface (a point stays), g_k their gradients in the parameters x of a, and
+followed on its piece of b or on an implicit surface (a point stays), g_k their gradients in the parameters x of a, and
 Z directions along the sides of the domain that hold x. At the maximum of the smallest of them all d_k are equal and
 sum l_k Z g_k = 0 with multipliers l_k of sum one. Newton's method takes the second derivatives of sum l_k d_k from
 differences of the gradients, which the envelope theorem gives without any derivatives of the feet.
@@ -26,7 +26,7 @@ from jhd._runtime.compiled import compiled
 
 # Newton steps; the first that is longer than this share of the domain ends them, and the first that is shorter.
 _STEPS, _LONGEST, _SHORTEST = 8, 0.05, 1e-15
-# Newton steps towards a foot on a polynomial surface.
+# Newton steps towards a foot on an implicit surface.
 _FOOT_STEPS = 8
 # Of the domain, the steps of differences of gradients.
 _STEP = 1e-4
@@ -49,7 +49,7 @@ class PlaceOnPiece(NamedTuple):
     """A place on a piece of a parametric shape or a mesh.
 
     Args:
-        shapes: that one, a net or triangles, and the other one, which may be a polynomial surface too; None for points.
+        shapes: that one, a net or triangles, and the other one, which may be an implicit surface too; None for points.
         piece: which piece.
         x: its parameters; of triangles the last two barycentric coordinates.
     """

@@ -1,6 +1,6 @@
-"""Programs for any number of rows: compiled for one number, at the cost of those that are there.
+"""Compiled functions for any number of rows: compiled once, at the cost of the rows that count.
 
-A call takes a block of rows and how many of them count; the program goes through these some at a time.
+A call takes a block of rows and the number of rows that count; the compiled function processes some of these at a time.
 """
 
 from functools import partial

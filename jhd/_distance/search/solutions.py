@@ -1,4 +1,4 @@
-"""What a search on two implicit surfaces starts from and what it ends with: targets, empty surfaces, solutions."""
+"""Start and end of a search on two implicit surfaces: targets, empty surfaces, and solutions."""
 
 from typing import Any, NamedTuple
 

@@ -1,8 +1,8 @@
-"""What distances are maximized over: curves, parametric surfaces, meshes and polynomial surfaces, cut into cells.
+"""Sources of distances: curves, parametric surfaces, meshes and implicit surfaces, cut into cells.
 
 A cell lies in the hull of some points, and is bounded by flat pieces of the other shape
 (jhd._distance.cells.proxy_bounds). Of a curve or patch these are the control points of a part, of a triangle its
-corners, and of a polynomial surface the corners of what is left of a box between the two planes that hold all of the
+corners, and of an implicit surface the corners of what is left of a box between the two planes that hold all of the
 surface in it; there the bound by points of the other shape of jhd._distance.cells.surfaces counts as well, which knows
 of the curvature.
 
@@ -54,7 +54,7 @@ class PlacesOfCells(NamedTuple):
     Args:
         points: some for each cell.
         radius: length within which the source is proven to have a point; infinite where there may be none.
-        parameters: of the points; of a polynomial surface, the points themselves.
+        parameters: of the points; of an implicit surface, the points themselves.
     """
 
     points: Float[np.ndarray, "cells places 3"]
@@ -72,7 +72,7 @@ class PlaceOfCut(NamedTuple):
 class AbstractSource(ABC):
     """A shape that distances are maximized over, in common coordinates.
 
-    Its cells have parameters; those of a polynomial surface are coordinates.
+    Its cells have parameters; those of an implicit surface are coordinates.
     """
 
     @abstractmethod

@@ -1,7 +1,7 @@
-"""Polynomial surfaces from the host: which cells may hold points of them, points of them near places, targets.
+"""Implicit surfaces from the host: cells that may hold their points, points near given points, and targets.
 
-The programs are those of cells and of places, any number of them; what searches start from and what sources of cells
-ask for needs no others.
+There is one compiled function for any number of cells, and one for any number of points. Starts of searches and
+sources of cells need no others.
 """
 
 from typing import Any, NamedTuple

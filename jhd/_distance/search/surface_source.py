@@ -1,4 +1,4 @@
-"""Polynomial surfaces as what distances are maximized over; see jhd._distance.search.sources."""
+"""Implicit surfaces as sources of distances; see jhd._distance.search.sources."""
 
 from itertools import product
 from typing import Any
@@ -33,7 +33,7 @@ _OTHERS = np.array([np.insert(signs, axis, 0) for axis in range(3) for signs in 
 
 
 class SurfaceSource(AbstractSource):
-    """A polynomial surface, with its cover; cells are boxes."""
+    """An implicit surface, with its cover; cells are boxes."""
 
     def __init__(self, target: Target):
         self._target = target

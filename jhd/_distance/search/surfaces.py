@@ -1,13 +1,13 @@
 """Proven bounds of the directed Hausdorff distance of two implicit surfaces, closed by branch and bound.
 
 Cells are boxes that cover a; each waits in a table with an upper bound of the distance of its points from b. A step
-takes those with the largest bounds, finds feet of b for each, bounds them (jhd._distance.cells.surfaces, also signs and
-moving_feet), and cuts what is still too large into eight, of which those go that hold no point of a. The most promising
-point of a that a step sees is polished to a local maximum and measured: its distance from all of b, proven from below,
-raises the lower bound.
+takes the cells with the largest bounds, finds feet of b for each, and bounds them (jhd._distance.cells.surfaces, signs
+and tracked_feet_upper). Cells whose bounds are still too large are cut into eight; parts without a point of a are
+dropped. The most promising point of a in a step is polished to a local maximum and measured: its distance from all of
+b, proven from below, raises the lower bound.
 
-At every moment each point of a lies in a cell whose bound holds, so the largest bound is one of the distance. What does
-not fit into the table is folded into it, and cells that are no larger than what was folded need no more work.
+At every moment each point of a lies in a cell whose bound holds, so the largest bound is a bound of the distance. If a
+cell does not fit into the table, its bound is kept, and cells with smaller bounds need no more work.
 
 Source: the search and the bounds are ours; AlgSurf gives the problem and the octree.
 """

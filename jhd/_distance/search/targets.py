@@ -1,4 +1,4 @@
-"""The targets of all shapes but curves, and nearest points of surfaces as functions of the query and the surface."""
+"""Targets of all shapes except curves, and nearest points of surfaces as functions of the query and the surface."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ def target_of(shape: Any) -> AbstractTarget:
     """The target of a shape whose numbers are known, kept with it; see `jhd.prepare`.
 
     Raises:
-        ValueError: a polynomial surface without points in its box.
+        ValueError: an implicit surface without points in its box.
     """
     return prepared(shape).part(_target)
 
@@ -56,7 +56,7 @@ def _target(shape: Any) -> AbstractTarget:
 
 
 def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) -> Projection:
-    """Nearest points of a parametric or polynomial surface; see jhd.project.
+    """Nearest points of a parametric or implicit surface; see jhd.project.
 
     Raises:
         TypeError: points that are not real numbers.

@@ -1,8 +1,8 @@
-"""A search for the minimum distance by two kinds of bounds, the second where the first does not soon close it.
+"""A search for the minimum distance by two kinds of bounds: the second starts if the first does not soon close.
 
-The first kind closes most pairs. The second does what the first one does and closes families of nearest pairs too, but
-takes longer to compile and to compute. It begins with a table of its own, since its cells are others, is told what the
-first kind has found, and goes on to the end.
+The first kind closes most pairs. The second kind also closes non-isolated nearest pairs, but takes longer to compile
+and to compute. It has different cells, so it begins with a table of its own and with the distance that the first kind
+has found.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Shapes whose points are counted by length, area or number: cells that cover each point as often as the shape does.
 
-Where a shape covers a place twice (a curve that is run through again, triangles on top of each other) it counts twice.
+A point that a shape covers twice (a curve that is traversed again, triangles on top of each other) counts twice.
 """
 
 import math

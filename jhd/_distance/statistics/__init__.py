@@ -1,6 +1,7 @@
-"""What of the distances along a shape counts: the largest, a mean, a quantile, with derivatives where they are known.
+"""Statistics of the distances along a shape: the largest, a mean, a quantile, with derivatives where they are known.
 
-Distances and their slopes as seen from places of a shape (`sight`) are summed by rules (`quadrature`,
-`surface_quadrature`) over cells that are cut where feet jump (`kinks`, `cut_cells`) or the distance passes a level
-(`level_cuts`, `level_sets`, `levels`); what two refinements do not agree on is refused (`confirmed`).
+Distances and their slopes at points of a shape (`pointwise`) are integrated by rules (`quadrature`,
+`surface_quadrature`). The cells of the rules are cut where feet jump (`breakpoints`, `cut_cells`) or the distance
+crosses a level (`level_cuts`, `level_sets`, `quantiles`). A derivative on which two refinements do not agree is refused
+(`error_control`). `in_programs` calls statistics from compiled functions.
 """

@@ -1,8 +1,8 @@
-"""Places along lines where a function passes from one smooth branch to another one, as a distance does between feet.
+"""Breakpoints on lines: a function changes there between smooth branches, as a distance does between feet.
 
-What is known of a place is the value, the slope, and a label of the branch. The tangents of both branches meet within
-the squared distance from there, so a bracket about their meeting point that is as wide as that holds the kink; where it
-does not, or the branches touch without a kink, it is halved.
+At a point of a line the value, the slope, and a label of the branch are known. The tangents of both branches meet
+within the squared distance from the breakpoint, so a bracket of this width about their meeting point holds it. If it
+does not, or if the branches touch without a breakpoint, the bracket is halved.
 """
 
 from collections.abc import Callable

@@ -1,9 +1,9 @@
-"""Rules over cells of a surface that curves cut, along which the distance has a kink or a level.
+"""Rules over cells of a surface that are cut along curves: creases or levels of the distance.
 
-Along one parameter each line across a cell is cut where it meets such a curve, and a rule of Gauss taken over the
-parts; along the other one the cell is cut where the curve leaves it by an end of these lines, and where what lines meet
-changes. What is integrated is smooth in each part then, so that the rules converge as over a whole cell. The lines run
-across the curve.
+Along one parameter each line across a cell is cut where it meets such a curve, and a rule of Gauss is applied to each
+part. Along the other parameter the cell is cut where the curve leaves it by an end of these lines, and where the lines
+begin to meet another curve. The integrand is then smooth in each part, so the rules converge as over a whole cell. The
+lines run across the curve.
 
 Source: Saye, High-order quadrature methods for implicitly defined surfaces and volumes in hyperrectangles (2015).
 Branches of the distance in place of a level set, and places found by the slopes from both sides, are ours.

@@ -1,7 +1,7 @@
-"""Values whose derivatives are known to some accuracy: what is not confirmed is refused, never handed out.
+"""Values whose derivatives are known to some accuracy; derivatives that are not confirmed are refused.
 
-Rules over cells are compared with those over their parts. What they still differ by where no more places may be looked
-at is what the derivative may be off by, as a share of what it is summed from.
+Rules over cells are compared with rules over their parts. The difference that remains at the largest number of nodes
+is the error of the derivative, as a fraction of the terms that it sums.
 """
 
 from typing import NamedTuple

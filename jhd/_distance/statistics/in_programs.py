@@ -1,7 +1,7 @@
-"""Measures inside compiled programs: called from there on the host, with first derivatives.
+"""Statistics inside compiled functions: called back on the host, with first derivatives.
 
-The places that a statistic is made of depend on the numbers of the shapes, so no program can be traced through them. A
-program that is differentiated calls once for the answer and for the gradient of its value.
+The nodes of a statistic depend on the numbers of the shapes, so no function can be traced through them. A compiled
+function that is differentiated calls once for the answer and for the gradient of its value.
 """
 
 from collections.abc import Callable

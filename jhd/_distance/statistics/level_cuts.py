@@ -1,4 +1,4 @@
-"""Where the distance passes a level along lines across cells of a surface, and rules below the level and along it."""
+"""Level crossings of the distance on lines across cells of a surface, and rules below the level and along it."""
 
 from typing import NamedTuple
 

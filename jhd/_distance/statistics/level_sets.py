@@ -1,4 +1,4 @@
-"""Quantiles of the distance over a surface, with derivatives: levels below which a share of its area lies.
+"""Quantiles of the distance over a surface, with derivatives: levels below which a fraction of its area lies.
 
 With M(Q) the area where d <= Q and L all of it, the quantile solves M(Q) = q L. The curve d = Q moves with the shapes
 by the change of d over its slope, so each place where a line of a cut rule passes the level counts with w = density /

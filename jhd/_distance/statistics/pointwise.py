@@ -1,11 +1,11 @@
-"""The distance to a shape seen from places of another one: its value, and its slopes along the parameters.
+"""The distance to a shape at points of another shape: its value, and its slopes along the parameters.
 
-Whoever looks at thousands of places needs the nearest foot but not its distance to the last digit of a proof: bounds of
-the distance to a surface may stay apart by some billionths of the size, and its pieces are cut beforehand, which takes
-an eighth of the time. A foot that is not the nearest is then as near as that.
+Integrals over thousands of points need the nearest foot of each, but not its distance to the last digit of a proof.
+Bounds of the distance to a surface may therefore differ by some billionths of the size, and its pieces are cut
+beforehand, which takes an eighth of the time. A foot that is not the nearest exceeds the distance by no more than that.
 
-A distance that rounding does not tell from zero is zero, and so is its derivative: where shapes coincide, feet lie
-beside their places by rounding alone, in any direction.
+A distance that rounding cannot distinguish from zero is zero, and so is its derivative. If shapes coincide, feet differ
+from their points by rounding alone, in any direction.
 """
 
 from typing import Any, NamedTuple

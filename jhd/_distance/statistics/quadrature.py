@@ -1,11 +1,11 @@
-"""Integrals of the distance to b along a, differentiable: places along a, where a first look needs them, and factors.
+"""Integrals of the distance to b along a, differentiable: nodes on a, placed by an adaptive pass, and weights.
 
 The parameter cells of a are halved until a Lobatto rule over a cell and over its parts agree, for the distance, its
 square, and the direction away from the foot, to what the rounding of coordinates leaves of each. Where the foot jumps
-the distance has a kink; cells about it are cut until what they can err by vanishes, so
-on curves value and derivatives come out nearly to rounding. A rule without places at the ends of a cell would not see a
-kink beside them. On surfaces, where kinks are whole curves (jhd._distance.statistics.surface_quadrature), this is for a
-given number of places, which ends it; where there is no room for parts, rules of Gauss do with fewer places.
+the distance has a breakpoint; cells about it are cut until their error vanishes, so on curves value and derivatives are
+accurate nearly to rounding. A rule without nodes at the ends of a cell would miss a breakpoint next to them. On
+surfaces, creases are whole curves (jhd._distance.statistics.surface_quadrature). There this file serves a given number
+of nodes, which ends the refinement; if there is no room for parts, rules of Gauss need fewer nodes.
 """
 
 from collections.abc import Callable

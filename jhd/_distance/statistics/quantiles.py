@@ -1,8 +1,8 @@
-"""Quantiles of the distance along a shape, with derivatives: levels below which a share of its length or area lies.
+"""Quantiles of the distance along a shape, with derivatives: levels below which a fraction of its length or area lies.
 
-With M(Q) the measure of where d <= Q and L that of all, the quantile solves M(Q) = q L. Where d passes Q, the place
-moves with the shapes, by the change of d there over the slope of d; so each of these places counts with
-w = speed / slope, and dQ = (q dL - dM + sum w dd) / sum w, where dM is that of the parts at fixed parameters.
+With M(Q) the length of the part with d <= Q and L the whole length, the quantile solves M(Q) = q L. A point with d = Q
+moves with the shapes, by the change of d there over the slope of d. So each of these points counts with
+w = speed / slope, and dQ = (q dL - dM + sum w dd) / sum w, where dM is the derivative of M at fixed parameters.
 """
 
 from collections.abc import Callable

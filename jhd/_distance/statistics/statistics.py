@@ -1,4 +1,4 @@
-"""Measures of the distance between two shapes: largest, quantile, mean, or root mean square.
+"""Statistics of the distance between two shapes: maximum, quantile, mean, and root mean square.
 
 Each has certified bounds, from the cells of jhd._distance.deviation, and a differentiable value. On point sets the
 value uses the distances of all points. On curves, surfaces and meshes it is an integral with nodes at fixed parameters

@@ -1,9 +1,9 @@
-"""Integrals of the distance to b over a surface, to an accuracy told by two refinements, differentiable.
+"""Integrals of the distance to b over a surface, differentiable, with errors estimated by two refinements.
 
-Cells of the parameters are halved until a rule over a cell and over its parts agree on what is integrated: area,
-distance, its square, and the direction away from the foot. That one jumps where the foot does, as derivatives of the
-distance do, so these are as accurate as the cells are. Rules are cut in cells from which feet of several labels are
-seen, or that do not agree after some halvings, which are taken for ones that a kink cuts.
+Cells of the parameters are halved until a rule over a cell and over its parts agree on all integrals: area, distance,
+its square, and the direction away from the foot. This direction jumps where the foot jumps, as derivatives of the
+distance do, so the derivatives are as accurate as the cells. Rules are cut in cells with feet of several labels, and in
+cells that do not agree after some halvings: a crease is assumed to cross these.
 """
 
 from typing import NamedTuple

@@ -1,1 +1,1 @@
-"""What is attained where: events, the systems that hold there, critical pairs, derivatives."""
+"""Witnesses: events, the systems of equations that hold there, critical pairs, and derivatives."""

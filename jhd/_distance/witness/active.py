@@ -7,10 +7,10 @@ A - B (jhd._distance.nearest.feet.by_normal). The distance is taken along that n
 
 The value has the derivative lambda_1 d1 + lambda_2 d2, where d_i is that of the distance to foot i at fixed parameters
 and lambda the multipliers of the witness; a single foot has lambda = 1, and at an end or corner of a the multipliers
-are constants (jhd._distance.witness.multipliers). The parameters y move by -J^-1 dG, and the
-Jacobian J fits Cramer's rule. `solution` is y as a function of both curves, whose derivative is written with
-`solution` again, so that all orders come out right. Where the determinant vanishes (concentric arcs, where the maximum
-is not isolated) nothing moves.
+are constants (jhd._distance.witness.multipliers). The parameters y move by -J^-1 dG, and the Jacobian J is small enough
+for Cramer's rule. `solution` is y as a function of both curves, whose derivative is written with `solution` again, so
+that derivatives of all orders are right. If the determinant vanishes (concentric arcs, whose maximum is not isolated),
+nothing moves.
 
 Source: the events are those of Elber & Grandine, GMP 2008; implicit differentiation is Danskin's theorem for one foot.
 """

@@ -1,4 +1,4 @@
-"""The conditions at a farthest place and its feet, for shapes of any two kinds, as functions of both shapes.
+"""The conditions at a farthest point and its feet, for shapes of any two kinds, as functions of both shapes.
 
 The place x_0 on a, the feet x_k on b, their multipliers m_k and s = h^2 / 2 are a stationary point of
 
@@ -78,7 +78,7 @@ class CornerRows(NamedTuple):
 
 
 class Polynomial(NamedTuple):
-    """A polynomial surface."""
+    """An implicit surface."""
 
     coefficients: Any
     lower: Any

@@ -1,4 +1,4 @@
-"""Where a curve begins, ends or turns: the directions in which it leaves one of its places."""
+"""Ends and corners of a curve: the directions in which the curve leaves one of its points."""
 
 from typing import NamedTuple
 

@@ -1,7 +1,7 @@
 """Nearest points of a mesh as functions of the queries and of the vertices.
 
-Derivatives are those of the foot on the face, edge or corner that holds it: the distance to a plane, a line or a point
-as a function of the query and of the corners, so they are right to any order wherever the foot stays on that feature.
+The foot is differentiated on the face, edge or corner that holds it: the distance to a plane, a line or a point is a
+function of the query and of the corners. So derivatives are right to any order if the foot stays on that feature.
 """
 
 import jax.numpy as jnp

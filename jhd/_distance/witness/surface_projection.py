@@ -43,7 +43,7 @@ def with_patch_derivatives(found: Projection, queries: Array, net: Net) -> Proje
 
 
 def with_surface_derivatives(found: Projection, queries: Array, surface: Any) -> Projection:
-    """Nearest points (points, ...) of a polynomial surface, differentiable in queries, coefficients and box."""
+    """Nearest points (points, ...) of an implicit surface, differentiable in queries, coefficients and box."""
     coefficients, box = surface.coefficients, jnp.stack(surface.bounds)
     distance, foot = distance_from_surface(queries, found.foot, coefficients, box)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot)
@@ -174,7 +174,7 @@ def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
 
 @compiled
 def distance_from_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
-    """Distances and feet on a polynomial surface, as functions of all but the feet."""
+    """Distances and feet on an implicit surface, as functions of all but the feet."""
     scale = scale_of(common_exponent(jax.lax.stop_gradient(box)), box.dtype)
     c = rescaled(coefficients, scale)
     box = box * scale

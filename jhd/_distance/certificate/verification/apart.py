@@ -4,12 +4,12 @@ A part is a range of pieces, in an order that the certificate gives, or what is 
 pair is cut into halves, again and again; a pair is named by its cuts, small letters for the part of a and capital ones
 for that of b. `x` and `y` are the halves of a range (the first one has a piece less where their number is odd), `a` and
 `b` those of the first interval in the domain of a piece, `c` and `d` those of the second; triangles, and the
-tetrahedra of a polynomial surface, are cut as in `cells`. Pairs come in the order of the letters, so that the next one
+tetrahedra of an implicit surface, are cut as in `cells`. Pairs come in the order of the letters, so that the next one
 is known, and nothing is left out.
 
 A plane with normal n keeps two parts a distance apart when n is at most m at all control points of the one, and at
 least M at all of the other, with M - m at least that distance times the length of n: they are hulls of these points.
-Of polynomial surfaces a part may also be free of zeros, or the distance be proven of zeros alone (`surface_proofs`).
+Of implicit surfaces a part may also be free of zeros, or the distance be proven of zeros alone (`surface_proofs`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,7 @@
-"""Pieces of shapes in integers, and their parts: what a piece is at the places that a map names.
+"""Pieces of shapes in integers, and their parts: compositions of a piece with a map.
 
 A piece is a polynomial over a weight in the Bernstein form of its domain, a product of simplices: a point has none, a
-curve an interval, a triangle itself, a patch two intervals, and a polynomial surface the six tetrahedra of its box. A
+curve an interval, a triangle itself, a patch two intervals, and an implicit surface the six tetrahedra of its box. A
 part is the piece after a map of another simplex into its domain; with forms F_0, F_1, ... of the map, which add up to
 W, the Bernstein polynomial of the exponents i becomes multinomial(i) F_0^i_0 F_1^i_1 ..., W^n times what it was.
 """

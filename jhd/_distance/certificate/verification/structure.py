@@ -1,4 +1,4 @@
-"""What a certificate must look like: all keys, with values of the right kinds, in their ranges, and bounded in work.
+"""The structure of a certificate: all keys, with values of the right kinds, in their ranges, and bounded in work.
 
 What is left to the proofs is whether the cells cover the shapes and whether the bounds hold.
 """

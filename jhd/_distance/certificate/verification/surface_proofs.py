@@ -1,4 +1,4 @@
-"""The proofs about polynomial surfaces: cells with feet on them, cells that hold them, and pairs of parts apart.
+"""The proofs about implicit surfaces: cells with feet on them, cells that hold them, and pairs of parts apart.
 
 Of a cell whose feet k have slacks P_k = bound^2 w_k^2 - |e_k|^2 it is proven that
 

@@ -1,4 +1,4 @@
-"""What the parts of a certificate that belong to polynomial surfaces must look like.
+"""The structure of the parts of a certificate that belong to implicit surfaces.
 
 - The shape: `coefficients` of x^i y^j z^k, and the corners `lower` and `upper` of its box, whose zeros it is.
 - A place of it: `at` and `way`, three coordinates each, in space. The polynomial changes its sign between at - way and

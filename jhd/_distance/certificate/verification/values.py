@@ -1,4 +1,4 @@
-"""What single values of a certificate must be: objects, lists and numbers of the right kinds and sizes."""
+"""Checks of single values of a certificate: objects, lists and numbers of the right kinds and sizes."""
 
 import math
 from collections.abc import Mapping, Sequence

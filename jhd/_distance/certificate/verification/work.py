@@ -1,4 +1,4 @@
-"""How long a check takes at least, from the degrees of the shapes and the number of cells: known before it begins.
+"""A lower bound of the time of a check, from the degrees of the shapes and the number of cells.
 
 A cell has the difference of two shapes on a simplex, of one degree, and its square. Polynomials in k variables of
 degree n have T = (n + k - 1 choose k - 1) terms; to compose one and to square one take about T^2 / 2 products for each

@@ -1,4 +1,4 @@
-"""Polynomial surfaces in integers: the zeros of a polynomial in a box, and what proves something about them.
+"""Implicit surfaces in integers: the zeros of a polynomial in a box, and proofs about them.
 
 The box is cut into six tetrahedra, which are the pieces of the surface; a place of a piece counts only where the
 polynomial is zero. Whatever holds of all zeros is proven with multipliers: where g + m f is not negative on a cell, for

@@ -1,4 +1,4 @@
-"""Where the maximum of the distance from a to b may be: ends of a, and the roots of the systems of all events."""
+"""Candidates for the maximum of the distance from a to b: ends of a, and the roots of the systems of all events."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple

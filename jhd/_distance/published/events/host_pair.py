@@ -1,4 +1,4 @@
-"""A pair of plane curves for the solver of events, in NumPy, beside the form that proven distances are taken to."""
+"""A pair of plane curves for the solver of events, in NumPy, together with its form for certified distances."""
 
 from typing import NamedTuple
 

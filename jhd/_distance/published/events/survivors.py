@@ -1,4 +1,4 @@
-"""Which systems there are: pieces of a, the parts of b that can hold their feet, and the pairs of these.
+"""The systems to solve: pieces of a, the parts of b that can hold their feet, and the pairs of both.
 
 Everything is tested once for whole pieces and parts before any box is opened.
 """
