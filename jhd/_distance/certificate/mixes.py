@@ -1,9 +1,9 @@
 """Proofs of a certificate for two shapes of any kinds.
 
-For a largest distance they are cells for the upper bound and a point for the lower one. For a smallest distance they
-are pairs of parts for the lower bound and a point on each shape for the upper one.
+For a Hausdorff distance, cells prove the upper bound and a point proves the lower bound. For a minimum distance, pairs
+of parts prove the lower bound and a point on each shape proves the upper bound.
 
-Bounds that are as sharp as the solution's would need a cell for each of the last digits, so they may be a little wider.
+Bounds as sharp as those of the solution would need a cell for each of the last digits, so they may be a little wider.
 """
 
 import math

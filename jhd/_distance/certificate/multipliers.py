@@ -1,10 +1,10 @@
 """Multipliers with which several feet prove the bound of a cell if no single foot does.
 
-The slack of a foot is the squared bound less the squared distance. At the place q of the cell where the largest of the
-slacks is smallest, two or more are equal, about zero where the bound is sharp; a combination of them is not negative
-about q only if it has no slope there, and bends upwards. Multipliers that are affine can do both: they grow where their
-slack does. So q is found first, by linear programs in a region that shrinks, and then the multipliers by another one
-over samples that are dense towards q.
+The slack of a foot is the squared bound less the squared distance. Let q be the point of the cell at which the largest
+slack is smallest. At q two or more slacks are equal, and about zero if the bound is sharp. A combination of them is not
+negative about q only if it has no slope there, and bends upward. Affine multipliers can achieve both: they grow where
+their slack grows. So linear programs in a shrinking region first find q, and another one then finds the multipliers,
+over samples that are dense near q.
 """
 
 from collections.abc import Callable

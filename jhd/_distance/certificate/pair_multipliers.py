@@ -2,7 +2,7 @@
 
 The polynomial that must not be negative, |x - y|^2 - bound^2 + m f_a(x) + n f_b(y), is linear in the numbers of the
 multipliers, one for each corner of a part. Its columns are taken from the exact polynomials, as Bernstein coefficients
-and as second derivatives at places; what is asked of them is as in surface_multipliers.
+and as second derivatives at points; the conditions on them are as in surface_multipliers.
 """
 
 from collections.abc import Sequence

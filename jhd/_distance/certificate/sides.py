@@ -1,7 +1,7 @@
 """Shapes of every kind on the host: points and feet in floating point, and the pieces in integers.
 
-Coordinates are moved to a center and divided by a power of two that leaves at most about one, so that squares are
-numbers. What is proposed here is checked in integers on the stored arrays; nothing is proven here.
+Coordinates are moved to a center and divided by a power of two that leaves at most about one, so that squares neither
+overflow nor vanish. The proposals made here are checked in integers on the stored arrays; nothing is proven here.
 """
 
 import itertools

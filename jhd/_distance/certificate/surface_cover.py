@@ -1,8 +1,8 @@
 """Cells of a certificate for pairs with an implicit surface, cut until integers accept them.
 
-The cells of an implicit surface are tetrahedra of its box; one that holds no zero needs nothing more. The feet of a
-few places in a cell say which parts of the other shape are near, and each foot, moved with the places of the cell,
-makes one map. What multipliers it takes is told by linear programs (surface_multipliers), and integers check it.
+The cells of an implicit surface are tetrahedra of its box; a tetrahedron without a zero needs nothing more. The feet of
+a few points in a cell show which parts of the opposite shape are near, and each foot, moved with the points of the
+cell, makes one map. Linear programs find the multipliers (surface_multipliers), and integers check them.
 """
 
 from collections.abc import Callable

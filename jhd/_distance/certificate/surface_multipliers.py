@@ -4,11 +4,11 @@ The polynomial that must not be negative,
 
     sum_k (l_k P_k + m_k f_b) + m f_a
 
-as in `verification.surface_proofs`, is linear in all multipliers, which are affine in the cell and in the places along
-the feet. Where there is room, all of its Bernstein coefficients are made positive. Where the bound is sharp they cannot
-be: where all polynomials are zero it does not depend on their multipliers, and the place among those at which the
-largest slack is smallest is the tight one. There the polynomial must have no slope, and it is made convex, by second
-derivatives in directions that are added where it is not.
+as in `verification.surface_proofs`, is linear in all multipliers, which are affine in the cell and in the points along
+the feet. If there is room, all of its Bernstein coefficients are made positive. If the bound is sharp, they cannot be:
+at points where all polynomials are zero it does not depend on their multipliers, and among these points the one at
+which the largest slack is smallest is tight. There the polynomial must have no slope. It is made convex by second
+derivatives in directions that are added where it is not convex.
 """
 
 from collections.abc import Callable

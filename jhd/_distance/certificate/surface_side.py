@@ -1,8 +1,8 @@
 """An implicit surface on the host: points of it, feet of points on it, and its pieces in integers.
 
-Points of it are found where the polynomial changes its sign along the lines of a grid, those in the faces of the box
-among them. A foot is followed by Newton's method for the equations of Lagrange, along the faces of the box that it has
-reached. Nothing is proven here but by the search, which is asked where a place seems to be too far away.
+Points of the surface are found where the polynomial changes its sign along the lines of a grid, including lines in the
+faces of the box. A foot is followed by Newton's method for the equations of Lagrange, along the faces of the box that
+it has reached. Nothing is proven here; if a point seems to be too far away, the certified search is used.
 """
 
 import math

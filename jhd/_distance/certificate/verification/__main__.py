@@ -1,9 +1,9 @@
 """The checker as a program of its own: `python FOLDER [--shapes] [--max-seconds S] FILE...`, with nothing but Python.
 
-With --shapes the hashes of the shapes are printed too, by which they can be compared with those of files at hand.
+With --shapes it also prints the hashes of the shapes, which can be compared with the hashes of files at hand.
 
-The modules name each other by their place in the package. Where this folder stands alone that place is made for it,
-empty but for the folder itself, so that nothing of the rest of the package is loaded.
+The modules import each other by their location in the package. If this folder stands alone, that location is created
+for it as an empty package with this folder only, so that nothing of the rest of the package is loaded.
 """
 
 import sys

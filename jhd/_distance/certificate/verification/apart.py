@@ -1,15 +1,19 @@
-"""Two shapes kept apart: pairs of parts that cover all pairs of places, with a plane between the parts of each.
+"""Two shapes kept apart: pairs of parts that cover all pairs of points, with a plane between the parts of each.
 
-A part is a range of pieces, in an order that the certificate gives, or what is left of one piece. One of the parts of a
-pair is cut into halves, again and again; a pair is named by its cuts, small letters for the part of a and capital ones
-for that of b. `x` and `y` are the halves of a range (the first one has a piece less where their number is odd), `a` and
-`b` those of the first interval in the domain of a piece, `c` and `d` those of the second; triangles, and the
-tetrahedra of an implicit surface, are cut as in `cells`. Pairs come in the order of the letters, so that the next one
-is known, and nothing is left out.
+A part is a range of pieces, in an order that the certificate gives, or a part of one piece. Again and again one of the
+parts of a pair is cut into halves. A pair is named by its cuts: small letters for the part of a, capital letters for
+the part of b.
 
-A plane with normal n keeps two parts a distance apart when n is at most m at all control points of the one, and at
-least M at all of the other, with M - m at least that distance times the length of n: they are hulls of these points.
-Of implicit surfaces a part may also be free of zeros, or the distance be proven of zeros alone (`surface_proofs`).
+- `x` and `y` are the halves of a range. If the number of pieces is odd, the first half has one piece less.
+- `a` and `b` are the halves of the first interval in the domain of a piece, `c` and `d` the halves of the second.
+- Triangles, and the tetrahedra of an implicit surface, are cut as in `cells`.
+
+Pairs come in the order of the letters, so that the next one is known and nothing is left out.
+
+A plane with normal n keeps two parts a distance apart if n.x is at most m at all control points of one part and at
+least M at all control points of the other part, with M - m at least that distance times the length of n: the parts lie
+in the hulls of these points. A part of an implicit surface may also be free of zeros, or the distance may be proven for
+zeros only (`surface_proofs`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

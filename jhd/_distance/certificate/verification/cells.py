@@ -1,17 +1,18 @@
 """Cells that cover a shape by construction: simplices in the domains of its pieces, one after the other.
 
-- On a curve they are intervals [t0, t1]: each begins where those before it have reached, or before.
-- Triangles, and patches as two triangles, are cut between two corners, again and again. A cell is named by its cuts, a
-  letter each: `a` and `b` are the halves of a triangle cut between its first two corners, with the first and with the
-  second of these, `c` and `d` those of one cut between the first and the third, `e` and `f` between the second and the
-  third; the middle takes the place of the corner that is left out. Cells come in the order of the letters, so that what
-  has to come next is known: the other half of what was cut last.
-- The tetrahedra of the box of a surface are cut so too, each in a fixed way: with its corners in an order, between the
-  first and the last, in the children the first and the last but one, then the first and the second, and so on; `a` is
-  the half with the first corner.
+- On a curve they are intervals [t0, t1]. Each begins at the end that the intervals before it have reached, or before
+  it.
+- Triangles, and patches as two triangles, are cut between two corners, again and again. A cell is named by its cuts,
+  one letter for each: `a` and `b` are the halves of a triangle cut between its first two corners, with the first and
+  with the second of these; `c` and `d` are the halves of a triangle cut between the first and the third corner, `e` and
+  `f` between the second and the third. The middle takes the place of the corner that is left out. Cells come in the
+  order of the letters, so the next cell is known: the other half of the last cut.
+- The tetrahedra of the box of a surface are cut in the same way, each in a fixed order of its corners: between the
+  first and the last, in the children between the first and the last but one, then between the first and the second, and
+  so on; `a` is the half with the first corner.
 - A point is its own cell.
 
-Corners of cells are multiples of 2^-52 at most and written as floats, which hold them exactly.
+Corners of cells are multiples of 2^-52, written as floats, which hold them exactly.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

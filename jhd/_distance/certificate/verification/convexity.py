@@ -1,13 +1,14 @@
-"""The proof that a polynomial on a product of simplices is nowhere negative, where its least value is next to zero.
+"""The proof that a polynomial on a product of simplices is nowhere negative, if its least value is close to zero.
 
-About an inner minimum that is just above zero halving alone takes a part for each last digit. There the polynomial is
+Near an inner minimum just above zero, halving alone needs a part for each of the last digits. There the polynomial is
 proven to be convex on a part, because all Bernstein coefficients of its second derivatives, which are matrices, are
-positive semidefinite; then it is nowhere below its tangent plane at any place c, and that is not negative when it is
-not at the corners. Of a polynomial f of degree n_s in the shares of the simplex s the plane takes at the corners i_s
+positive semidefinite. Then it is nowhere below its tangent plane at any point c, and the plane is not negative if it is
+not negative at the corners. For a polynomial f of degree n_s in the barycentric coordinates of the simplex s, the value
+of the plane at the corners i_s is
 
-    f(c) (1 - sum_s n_s) + sum_s f_(i_s)(c),   f_i the derivative in the share i,
+    f(c) (1 - sum_s n_s) + sum_s f_(i_s)(c),   f_i the derivative in the coordinate i,
 
-since the sum of c_i f_i over a simplex is n_s f. The place c is found in floating point; all else is exact.
+since the sum of c_i f_i over a simplex is n_s f. The point c is found in floating point; everything else is exact.
 
 Source: bisection as in Maubach, Local bisection refinement for n-simplicial grids (1995).
 """

@@ -1,9 +1,9 @@
 """Polynomials of integers on products of simplices, and the proof that one is nowhere negative.
 
-A place of a simplex is a convex combination of its corners; the shares are the variables. A polynomial is homogeneous
-in the variables of each simplex, {exponents: coefficient}: the coefficients are its Bernstein coefficients times
-multinomial numbers, so that products are plain convolutions and signs are those of the Bernstein coefficients. All
-exponents of a term stand in one integer, a byte for each variable.
+A point of a simplex is a convex combination of its corners; its barycentric coordinates are the variables. A polynomial
+is homogeneous in the variables of each simplex, {exponents: coefficient}: the coefficients are its Bernstein
+coefficients times multinomial numbers, so that products are plain convolutions and signs are those of the Bernstein
+coefficients. All exponents of a term are packed into one integer, a byte for each variable.
 """
 
 import math

@@ -1,10 +1,10 @@
 """The proofs: that a cell is near its feet, and that the witness is far from all of the other shape.
 
-Over a cell the distance to the foot phi_k(u) is |e_k(u)| / w_k(u), two polynomials. One foot is enough where all
-Bernstein coefficients of e_k are at most `bound` times those of w_k, or where P_k = bound^2 w_k^2 - |e_k|^2 is not
-negative. Of several feet it is enough that sum l_k P_k is not negative for multipliers l_k whose Bernstein coefficients
-are not negative and not all zero: where one of the multipliers is positive one of the P_k is not negative, and that
-is everywhere but on sides of the cell, to which the bound extends because distances are continuous.
+Over a cell the distance to the foot phi_k(u) is |e_k(u)| / w_k(u), two polynomials. One foot is enough if all Bernstein
+coefficients of e_k are at most `bound` times those of w_k, or if P_k = bound^2 w_k^2 - |e_k|^2 is not negative. Several
+feet are enough if sum l_k P_k is not negative for multipliers l_k whose Bernstein coefficients are not negative and not
+all zero: if one of the multipliers is positive at u, one of the P_k is not negative there. This holds everywhere except
+on sides of the cell, to which the bound extends because distances are continuous.
 """
 
 import time

@@ -1,7 +1,7 @@
 """Certificates in files: lines of strict JSON, compressed or not, read one after the other.
 
-The first line holds everything but the cells, and for each direction how many there are; each further line is a cell.
-So a file of any number of cells is checked in the memory that the shapes take.
+The first line holds everything except the cells, and for each direction the number of cells; each further line is a
+cell. So a file of any number of cells is checked in the memory that the shapes take.
 """
 
 import gzip

@@ -1,6 +1,6 @@
 """The structure of a certificate: all keys, with values of the right kinds, in their ranges, and bounded in work.
 
-What is left to the proofs is whether the cells cover the shapes and whether the bounds hold.
+Whether the cells cover the shapes, and whether the bounds hold, is left to the proofs.
 """
 
 import math

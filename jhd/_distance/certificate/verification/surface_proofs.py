@@ -1,6 +1,6 @@
 """The proofs about implicit surfaces: cells with feet on them, cells that hold them, and pairs of parts apart.
 
-Of a cell whose feet k have slacks P_k = bound^2 w_k^2 - |e_k|^2 it is proven that
+For a cell whose feet k have slacks P_k = bound^2 w_k^2 - |e_k|^2 it is proven that
 
     sum_k (l_k P_k + m_k f_b(q_k + s_k n_k)) + m f_a >= 0
 

@@ -1,11 +1,11 @@
 """The structure of the parts of a certificate that belong to implicit surfaces.
 
-- The shape: `coefficients` of x^i y^j z^k, and the corners `lower` and `upper` of its box, whose zeros it is.
-- A place of it: `at` and `way`, three coordinates each, in space. The polynomial changes its sign between at - way and
+- The shape: `coefficients` of x^i y^j z^k, and the corners `lower` and `upper` of the box that holds its zeros.
+- A point of it: `at` and `way`, three coordinates each, in space. The polynomial changes its sign between at - way and
   at + way, or is zero at both.
-- A foot on it: `map`, the place as a row or a row for each corner of the cell, and `way`, likewise; `zero`, its
-  multiplier.
-- A cell of it: `zero`, its multiplier, null where the cell holds no zero, and then it has no feet.
+- A foot on it: `map`, the point as one row, or as one row for each corner of the cell; `way`, in the same form; `zero`,
+  the multiplier of the foot.
+- A cell of it: `zero`, the multiplier of the cell, which is null if the cell holds no zero; such a cell has no feet.
 """
 
 import math

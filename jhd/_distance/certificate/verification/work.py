@@ -2,8 +2,8 @@
 
 A cell has the difference of two shapes on a simplex, of one degree, and its square. Polynomials in k variables of
 degree n have T = (n + k - 1 choose k - 1) terms; to compose one and to square one take about T^2 / 2 products for each
-coordinate. Where the cell is an interval its ends have the digits of a float, and numbers n times as many. Halves of
-cells, further feet and multipliers come on top.
+coordinate. If the cell is an interval, its ends have the digits of a float, and numbers have n times as many. Halves of
+cells, further feet and multipliers take additional time.
 """
 
 from collections.abc import Mapping, Sized

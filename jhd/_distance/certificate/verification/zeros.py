@@ -1,9 +1,10 @@
 """Implicit surfaces in integers: the zeros of a polynomial in a box, and proofs about them.
 
-The box is cut into six tetrahedra, which are the pieces of the surface; a place of a piece counts only where the
-polynomial is zero. Whatever holds of all zeros is proven with multipliers: where g + m f is not negative on a cell, for
-any polynomial m, there g is not negative at the zeros of f. That a zero exists is proven by a change of sign: where
-f(q - n) <= 0 <= f(q + n), a place q + s n with s between -1 and 1 is one, if both ends lie in the box.
+The box is cut into six tetrahedra, which are the pieces of the surface; a point of a piece counts only if the
+polynomial is zero there. Statements about all zeros are proven with multipliers: if g + m f is not negative on a cell,
+for any polynomial m, then g is not negative at the zeros of f. The existence of a zero is proven by a change of sign:
+if f(q - n) <= 0 <= f(q + n), some point q + s n with s between -1 and 1 is a zero, provided that both ends lie in the
+box.
 """
 
 import math
