@@ -1,8 +1,8 @@
 """Balls: numbers known to within a radius, with rounding, for the enclosures of minimum distances.
 
 A ball stands for every number x with |x - mid| <= rad. Products and sums are enclosed with one bound of all their
-roundings: a product of two balls has |m1| r2 + r1 (|m2| + r2) for a radius, and a sum of n of them rounds each term n
-times at most. Compared with intervals this takes half the operations, and loses nothing where the radii are small.
+roundings: a product of two balls has the radius |m1| r2 + r1 (|m2| + r2), and a sum of n balls rounds each term at most
+n times. Compared with intervals this takes half the operations, and loses nothing if the radii are small.
 
 Source: Rump, Fast and parallel interval arithmetic, BIT 39 (1999).
 """

@@ -1,10 +1,10 @@
 """Polynomials in three variables in exact integer arithmetic, on the host.
 
 A polynomial is a NumPy array of Python integers: entry [i, j, k] is the coefficient of x^i y^j z^k. Only its zeros
-matter here, so everything is known up to a positive factor, which keeps fractions away.
+matter here, so everything is known up to a positive factor, which avoids fractions.
 
-The square-free part follows from lines. On a line whose direction b is no zero of the form of highest degree, every
-factor of f keeps its degree; so where f has no repeated root on such a line modulo a prime, it has no repeated factor.
+The square-free part follows from lines. On a line whose direction b is not a zero of the form of highest degree, every
+factor of f keeps its degree. So if f has no repeated root on such a line modulo a prime, it has no repeated factor.
 Otherwise f / gcd(f, D_b f), with D_b the derivative along b, is the product of its distinct factors: none of them has
 D_b q = 0. It is found by linear algebra modulo primes, and the result is verified in integers.
 

@@ -1,15 +1,15 @@
 """Isolated zeros of a polynomial in three variables, at which it does not change its sign, in exact arithmetic.
 
-At such a point the polynomial does not change its sign, so neither signs nor enclosures tell whether it is there. About
-a point p write f as v + g.t + t.H t / 2 + G.n + the rest, with t the free coordinates from p, and n >= 0 inward those
-in which p is on a face of the box and f rises from it (the other ones are free on a face too). With H - m 1 positive
-definite the rest takes at most m |t|^2 / 4, and less than G.n, where the sums of its coefficients say so, in all of a
-cube about p; there
+At such a point the polynomial does not change its sign, so neither signs nor enclosures tell whether it exists. About a
+point p write f as v + g.t + t.H t / 2 + G.n + the rest. Here n >= 0 are the inward coordinates in which p is on a face
+of the box and f rises from it, and t are the other coordinates from p, which are free (also if they are on a face). Let
+H - m 1 be positive definite, and let the sums of the coefficients prove, in all of a cube about p, that the rest takes
+at most m |t|^2 / 4 and less than G.n. In this cube
 
     f >= v - |g| |t| + c |t|^2 + K.n,   c = m / 4,   K > 0.
 
-So f has no zero in the cube where |g|^2 < 4 c v; else all of them lie within a small radius of p, there is one where
-v < 0, since f is positive farther out, and it is p itself where v and g vanish.
+So f has no zero in the cube if |g|^2 < 4 c v. Otherwise all zeros lie within a small radius of p. There is a zero if
+v < 0, since f is positive farther out, and it is p itself if v and g vanish.
 
 Source: ours.
 """

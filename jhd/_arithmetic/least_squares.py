@@ -1,7 +1,7 @@
 """Least squares with non-negative unknowns, on the host.
 
-Source: Lawson & Hanson, Solving least squares problems (1974), chapter 23: the unknowns that are positive form a basis,
-to which one is added at a time and from which those leave that would become negative.
+Source: Lawson & Hanson, Solving least squares problems (1974), chapter 23: the positive unknowns form a basis. One
+unknown at a time is added to it, and unknowns that would become negative leave it.
 """
 
 from collections.abc import Callable

@@ -1,10 +1,9 @@
 """Powers of two: the size of arrays, and scaling that changes no digit.
 
-Coordinates of any size are brought to order one before anything is multiplied: then squares neither overflow nor
-vanish. NumPy scales exactly, subnormal numbers too. XLA reads these as zero; `frexp` and `ldexp` here take them apart
-by their bits, which no backend changes, so that a compiled program scales what comes in without loss. What goes below
-the smallest normal number on the way out is zero there. `jax.numpy.ldexp` is not used: it multiplies by a power
-function, which is not exact on GPUs.
+Coordinates of any size are scaled to order one before anything is multiplied: then squares neither overflow nor vanish.
+NumPy scales exactly, subnormal numbers too. XLA reads these as zero; `frexp` and `ldexp` here split them by their bits,
+which no backend changes, so that a compiled function scales its input without loss. Results below the smallest normal
+number are zero. `jax.numpy.ldexp` is not used: it multiplies by a power function, which is not exact on GPUs.
 """
 
 from typing import Any

@@ -1,15 +1,15 @@
 """Polynomials on segments and triangles, by scaled coefficients in Bernstein form.
 
 A polynomial of degree n on a simplex with k + 1 corners (k is 1 or 2) is an array of n + 1 entries along each of its
-first k axes: at i its coefficient at the multi-index (n - |i|, i), times the multinomial coefficient; zero where |i|
-exceeds n. So a product is a plain convolution, and the constant one of degree n is the array of its multinomial
-coefficients. Further axes are those of its values; the last one should be long, as the compiler goes along it.
+first k axes. Entry i is the coefficient at the multi-index (n - |i|, i), times the multinomial coefficient; it is zero
+if |i| exceeds n. So a product is a plain convolution, and the constant one of degree n is the array of its multinomial
+coefficients. Further axes belong to the values; the last axis should be long, as compiled functions run along it.
 
-Rounding. In terms of Bernstein coefficients all that is done here are sums of terms with non-negative factors of sum
-one. A product costs one rounding of each term and one for every term of a coefficient but the first, of which it has at
-most as many as the smaller operand has coefficients. Composing costs at most 24 roundings a level where the inner
-coordinate and its complement are off by a factor of gamma(10) at most: one product, a sum of at most 12 terms, those
-ten, and one for multinomial coefficients.
+Rounding. In terms of Bernstein coefficients, all operations here are sums of terms with non-negative factors of sum
+one. A product costs one rounding of each term and one for every term of a coefficient except the first; a coefficient
+has at most as many terms as the smaller operand has coefficients. Composing costs at most 24 roundings a level, if the
+inner coordinate and its complement are off by a factor of at most gamma(10): one product, a sum of at most 12 terms,
+those ten, and one for multinomial coefficients.
 
 Source: Farin, Triangular Bernstein-Bezier patches, CAGD 3 (1986); DeRose et al., Functional composition algorithms via
 blossoming, ACM TOG 12 (1993), of which ours is de Casteljau's algorithm on polynomials.

@@ -1,9 +1,9 @@
-"""Polynomials in two variables on [-1, 1]^2, cut off at a degree, with bounds of what was cut: Taylor models.
+"""Polynomials in two variables on [-1, 1]^2, truncated at a degree, with bounds of the rest: Taylor models.
 
 A truncated polynomial stands for every function that differs from its terms by at most `rest` on the square. Products
-are cut off again; what they lose, and all roundings, go into the rest. So a polynomial in three variables is put on a
-surface piece (x(s, t), y(s, t), z(s, t)) at a cost that does not grow with its degree: with the size h of the piece the
-rest is of the order h^(degree + 1).
+are truncated again; the terms that they lose, and all roundings, go into the rest. So a polynomial in three variables
+is composed with a surface piece (x(s, t), y(s, t), z(s, t)) at a cost that does not grow with its degree: with the size
+h of the piece the rest is of the order h^(degree + 1).
 
 Rounding. A coefficient of a product is a sum of at most N products, N the number of terms, so the roundings of all of
 them together are below gamma(N + 2) times the product of the sizes; rests are sums of at most 4 N numbers that are not

@@ -1,15 +1,15 @@
 """Affine functions over points, segments and triangles, by their values at the corners: mean squares, and level sets.
 
-Over a simplex with k corners, its points spread evenly, the mean of the square of an affine function with the values
-v_i is (sum v_i^2 + (sum v_i)^2) / (k (k + 1)). On a segment it is at most t over the share (t - v_0) / (v_1 - v_0), and
-on a triangle, with sorted values, over
+Over a simplex with k corners, with its points spread evenly, the mean of the square of an affine function with the
+values v_i is (sum v_i^2 + (sum v_i)^2) / (k (k + 1)). With sorted values, the function is at most t over the fraction
+(t - v_0) / (v_1 - v_0) of a segment, and over the following fraction of a triangle:
 
     (t - v_0)^2 / ((v_1 - v_0) (v_2 - v_0))       if t is between v_0 and v_1,
     1 - (v_2 - t)^2 / ((v_2 - v_0) (v_2 - v_1))   if t is between v_1 and v_2.
 
-Rounding: a difference of two floats has one rounding, and underflows to nothing but zero; a quotient of such two that
-is at most one is formed first, so a share is off by gamma(8) of at most one. What is below the smallest normal number
-is far less than that.
+Rounding: a difference of two floats has one rounding, and underflows only to zero. A quotient of two such differences
+that is at most one is formed first, so a fraction is off by gamma(8) of at most one. Numbers below the smallest normal
+number are far less than that.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Bounds of the distance over pairs of cells where one or both of the shapes are implicit surfaces.
+"""Bounds of the distance over pairs of cells, if one or both of the shapes are implicit surfaces.
 
 A cell of an implicit surface is a part of its box. With F = |p - q|^2 / 2 and the polynomials f_k that vanish on the
 surfaces, every L = F - sum l_k f_k + sum r_k f_k^2 / 2 has the values of F where the distance is taken, whatever the
@@ -6,12 +6,12 @@ numbers l_k and r_k >= 0 are. So over a cell
 
     F >= L(z) + sum g_i (x_i - z_i) + (1/2) sum h_ij (x_i - z_i) (x_j - z_j)
 
-with the gradient g of L at any z and the second derivatives h over the cell: the last sum is left out where h is proven
+with the gradient g of L at any z and the second derivatives h over the cell. The last sum is left out if h is proven
 positive semidefinite, else bounded term by term. At a point z that solves the Lagrange system within the cell, with the
-sides of the cell as constraints, this is a bound of second order, exact where L is convex; the terms in r_k make it
-convex across the surfaces where the minimum is strict along them. The same holds of n.(p - q) - sum l_k f_k with a
-fixed unit vector n. Cells are excluded where a polynomial has no zero, and where p - q is proven not to be parallel to
-the gradient of f in a cell that is away from the faces of its box.
+sides of the cell as constraints, this is a bound of second order, exact if L is convex. The terms in r_k make L convex
+across the surfaces if the minimum is strict along them. The same holds for n.(p - q) - sum l_k f_k with a fixed unit
+vector n. A cell is excluded if a polynomial has no zero in it, or if p - q is proven not to be parallel to the gradient
+of f in a cell away from the faces of its box.
 
 A distance is proven by points near the computed ones: f changes its sign, rounding included, along a short segment.
 

@@ -1,9 +1,9 @@
 """Proven bounds of distances between close surfaces, from changes of sign.
 
-Where f_b(p + v) - l f_a(p) and f_b(p - w) - m f_a(p) have opposite signs for all p of a cell, every p of a in it has a
+If f_b(p + v) - l f_a(p) and f_b(p - w) - m f_a(p) have opposite signs for all p of a cell, every p of a in it has a
 point of b on the segment from p - w to p + v, so within the longer of both vectors. Any real l and m will do, since f_a
-is zero on a. What is left of second order is the difference of the curvatures of both surfaces: nothing where they are
-parallel, however long the segments.
+is zero on a. The remaining slack of second order is the difference of the curvatures of both surfaces: nothing if they
+are parallel, however long the segments.
 
 Source: ours; for the Bernstein form see jhd._distance.cells.surfaces.
 """

@@ -2,7 +2,7 @@
 
 With n = w (b - p), homogeneous, the squared distance along a piece is |n|^2 / w^2, so it is at least the smallest ratio
 of the coefficients of |n|^2 and w^2. On a rational sphere, circle or torus seen from its center both are the same
-polynomial but for a factor, and nothing is lost, however large the part; near the center little is.
+polynomial up to a factor, and nothing is lost, however large the part; near the center little is lost.
 
 Rounding, with r the largest |b - p| of the piece: restriction leaves off_by of n / r and of w, which are at most one;
 a coefficient of a square is a sum of as many products as the piece has coordinates of control points at most, with

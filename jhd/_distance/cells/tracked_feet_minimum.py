@@ -5,10 +5,11 @@ the values of a map Q(u), and let R(u) be its first derivatives at Q. Then for a
 
     L(u, x) >= L(u, Q(u)) + sum R_i (x_i - Q_i) + k_i (x_i - Q_i)^2,
 
-so the least value over u of the first term, and of each of the others over the ranges of R_i and of x_i - Q_i, bound L.
+so L is bounded by the least value of the first term over u, and of each of the other terms over the ranges of R_i and
+of x_i - Q_i.
 
-What Q misses the foot by is in R, and so counts squared. With h the size of the cell of a the bound is short by h^6
-where the distance is constant along a: the cell of b may be as large as L is convex.
+The distance of Q from the foot enters through R, and so counts squared. With h the size of the cell of a, the bound is
+short by h^6 if the distance is constant along a: the cell of b may be as large as L is convex.
 
 Source: ours.
 """

@@ -1,15 +1,15 @@
-"""Parametric shapes in lower bounds by feet that move with the place (jhd._distance.cells.tracked_feet).
+"""Parametric shapes in lower bounds by feet that move with the point (jhd._distance.cells.tracked_feet).
 
-Over a cell of a parametric shape its point is a polynomial of degree 5 but for a rest of the sixth order
+Over a cell of a parametric shape its point is a polynomial of degree 5, up to a rest of the sixth order
 (jhd._arithmetic.truncated). With feet on such a shape b, let P(u) be the moving point and Q(u) polynomials for the
-parameters, through about the feet of some places. Where the second derivatives of |P(u) - b(x)|^2 in x are at least
-2 diag(k) > 0 for all u of the cell and all x of a box E that holds the cell of b and Q, the squared distance is bounded
-as in jhd._distance.cells.tracked_feet_minimum, with
+parameters, approximately through the feet of some points. If the second derivatives of |P(u) - b(x)|^2 in x are at
+least 2 diag(k) > 0 for all u of the cell and all x of a box E that holds the cell of b and Q, the squared distance is
+bounded as in jhd._distance.cells.tracked_feet_minimum, with
 
     L(u, x) = |P(u) - b(x)|^2,   R = -2 (P(u) - b(Q)).b_x(Q).
 
-Feet are followed beyond the cell of b, and of its piece, by about the size of the cell of a: at joints of smooth shapes
-nothing has to be cut.
+Feet are followed beyond the cell of b, and beyond its piece, by about the size of the cell of a, so nothing has to be
+cut at joints of smooth shapes.
 
 Rounding: x is counted from -1 to 1 over E, whose ends are floats, and Q is its floating-point coefficients there. A
 part between parameters beyond [0, 1] has control points that are sums of the given ones with factors whose sizes have a

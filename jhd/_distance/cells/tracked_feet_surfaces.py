@@ -1,18 +1,18 @@
-"""Proven lower bounds of the distance of two implicit surfaces by feet and multipliers that move with the place.
+"""Proven lower bounds of the distance of two implicit surfaces by feet and multipliers that move with the point.
 
-In a cell that a = {f = 0} crosses in one sheet it is near a polynomial P(s, t) (jhd._distance.cells.graphs). To it
-belong polynomials Q(s, t) and v(s, t): about a nearest point of b = {g = 0}, which need not be in the cell D of b, and
+In a cell that a = {f = 0} crosses in one sheet, a is near a polynomial P(s, t) (jhd._distance.cells.graphs). With it go
+polynomials Q(s, t) and v(s, t): approximately a nearest point of b = {g = 0}, which need not be in the cell D of b, and
 the multiplier there. For every fixed (s, t) and any number r >= 0 the function
 
     L(q) = |P - q|^2 + v g(q) + r g(q)^2
 
-is |P - q|^2 on b. Where its second derivatives are at least 2 m > 0 on a box E that holds D and Q, for all q in D
+is |P - q|^2 on b. If its second derivatives are at least 2 m > 0 on a box E that holds D and Q, for all q in D
 
     L(q) >= L(Q) + R.(q - Q) + m |q - Q|^2,   R = 2 (Q - P) + (v + 2 r g(Q)) grad g(Q),
 
-and each coordinate of the last two terms takes off at most R_i^2 / 4 m, or less where R_i points to D
-(jhd._distance.cells.tracked_feet_minimum). What Q misses the true foot by is in R, and so counts squared. So with h the
-size of the cell the bound
+and each coordinate of the last two terms subtracts at most R_i^2 / 4 m, or less if R_i points to D
+(jhd._distance.cells.tracked_feet_minimum). The distance of Q from the true foot enters through R, and so counts
+squared. With h the size of the cell, the bound
 
     min (|P - Q|^2 + v g(Q)) - sum max R_i^2 / 4 m
 
@@ -28,8 +28,8 @@ Cells that a surface crosses near a corner are narrowed first. With e in [-1, 1]
 
     s_i e_i is within sum over j other than i of |s_j|, and R, of -c.
 
-What is left is as small as the part of the surface, up to the square of the size of the cell: feet are then near the
-middle, and a surface that leaves the cell through a corner is a graph over all of it.
+The part that remains is as small as the part of the surface, up to the square of the size of the cell. Feet are then
+near the middle, and a surface that leaves the cell through a corner is a graph over all of it.
 
 Source: ours; the quadratic term in g as in Bertsekas, Constrained Optimization and Lagrange Multiplier Methods (1982);
 narrowing is known as hull consistency in interval computation (Benhamou et al., Revising hull and box consistency,

@@ -1,4 +1,4 @@
-"""Proven upper bounds of the distance over parts of implicit surfaces by feet that move with the place.
+"""Proven upper bounds of the distance over parts of implicit surfaces by feet that move with the point.
 
 In a cell that is crossed by a in one sheet, a is the graph of a function of the two coordinates (s, t) in which the
 cell extends across it. With polynomials P(s, t) near a and Q(s, t) near b, every point of a in the cell has

@@ -1,21 +1,22 @@
-"""Cells of the search for the point of a mesh that is farthest from another one: parts of its triangles.
+"""Cells of the search for the point of a mesh that is farthest from another mesh: parts of its triangles.
 
 The distance to a triangle is a convex function, since a triangle is a convex set; so on a cell it is largest at a
 corner, and for any triangles T_k of b
 
     max over the cell of d(x, b) <= min over k of max over the corners c_i of d(c_i, T_k).
 
-Good T_k are the nearest triangles of the corners and of the points where the cell was split off. The bound is exact
-where one triangle is nearest to all corners, so cells are split where the nearest triangle changes: an edge whose ends
-have the nearest triangles S and T at the point where d(x, S) = d(x, T), other edges in the middle.
+Good T_k are the nearest triangles of the corners and of the points at which the cell was split off. The bound is exact
+if one triangle is nearest to all corners, so cells are split where the nearest triangle changes. An edge whose ends
+have the nearest triangles S and T is split at the point with d(x, S) = d(x, T), other edges in the middle.
 
-Where a lies in b, corners have many nearest triangles, and ties say little. There the triangle T that is nearest to the
-middle of the cell counts: the cell is cut along a wall of the prism over T, so that the part inside, which is left
-after at most three cuts, is bounded exactly. So the cells become the pieces of the overlay of both triangulations.
+Where a lies in b, corners have many nearest triangles, and ties carry little information. There the triangle T nearest
+to the middle of the cell is used: the cell is cut along a wall of the prism over T, so that the part inside, which
+remains after at most three cuts, is bounded exactly. So the cells become the pieces of the overlay of both
+triangulations.
 
 Rounding. With coordinates of at most s, a point v0 + w1 (v1 - v0) + w2 (v2 - v0) is computed within gamma(32) s. Its
-weights are convex combinations of those of the parent's corners, which leave the triangle, and the edge that is split,
-by at most 16 u s a level. `slack` is the sum.
+weights are convex combinations of the weights of the parent's corners; rounding moves them off the triangle, and off
+the edge that is split, by at most 16 u s a level. `slack` is the sum.
 """
 
 from typing import Any, NamedTuple
