@@ -50,10 +50,10 @@ shrinks.
 become part of the compiled function; the others are called on the host. Shapes may be arguments, closed over, or built
 inside.
 
-**How do I fit in my own loop, for example with optax?** To noisy points, by the mean of `project(points,
-shape).distance ** 2`; see `experiments/tour/optax_loop.py`. To a shape, by `hausdorff(...).value`, `soft_hausdorff` or
-a statistic such as `RMSDistance().estimate(a, b)`. All of them work under `jit`. For statistics of sampled points use
-`directed=True`: the direction from the shape to the points includes the spacing of the points.
+**How do I fit in my own loop, for example with optax?** To noisy points, minimize the mean square of
+`project(points, shape).distance`; see `experiments/tour/optax_loop.py`. To a shape, minimize `hausdorff(...).value`,
+`soft_hausdorff` or a statistic such as `RMSDistance().estimate(a, b)`. All of them work under `jit`. For statistics of
+sampled points use `directed=True`: the direction from the shape to the points includes the spacing of the points.
 
 **How do I read the gradient of a curve?** `jax.grad` returns a curve whose `control_points` are derivatives. A joint of
 `BezierSegments` is stored in both of its segments, and its derivative is the sum of both.

@@ -28,7 +28,7 @@ _ATOL_HELP = "largest upper - lower (default: 1e-10 of the diagonal)"
 _RTOL_HELP = "largest upper - lower, relative to upper; the larger tolerance counts (default: {})"
 _OUT_HELP = "file for the {}: {}"
 _THRESHOLD_HELP = "question: is the distance at most LENGTH? The exit status is the answer: 0 yes, 3 no, 1 undecided"
-_METHOD_HELP = "method, a class of jhd (default: {}); an unknown name lists all methods"
+_METHOD_HELP = "method, a class of jhd or jhd.published (default: {}); an unknown name lists all"
 _PLOT_HELP = "file for a picture of {}; the suffix selects the format (.png, .svg, .pdf, ...)"
 _PAGE_HELP = "file for an HTML page: walk along plane curves, or rotate shapes in space (with the extra jhd[web])"
 _CERTIFICATE_HELP = "file for a certificate of the bounds, which jhd verify checks"
@@ -220,7 +220,7 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--degree", type=int, default=3, metavar="N", help="degree of the segments (default: 3)")
     smooth = "continuous tangents at the joints (default: corners allowed)"
     fit.add_argument("--smooth", action="store_true", help=smooth)
-    seconds = "time in seconds after which the present fit is returned (default: none)"
+    seconds = "time in seconds after which the best fit so far is returned (default: none)"
     fit.add_argument("--max-seconds", type=float, metavar="S", help=seconds)
     _add_out(fit, "fitted curve", ".svg or .json")
     shown = "both curves, the witness and the distance profiles"
@@ -229,7 +229,7 @@ def _parser() -> argparse.ArgumentParser:
 
     verify = _added(commands, "verify", "check of a certificate in exact arithmetic", _FILES_EPILOG)
     verify.add_argument("file", metavar="FILE", help="certificate, written by jhd hausdorff or jhd minimum")
-    both = "both shapes, each a SHAPE, to compare with those of the certificate (default: none)"
+    both = "both shapes, each a SHAPE, to compare with the shapes of the certificate (default: none)"
     verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help=both)
     verify.add_argument("--max-seconds", type=float, metavar="S", help="time limit in seconds (default: none)")
 
@@ -326,7 +326,7 @@ def _add_deviation(commands: Any) -> None:
     purpose = "distribution of the distance to B over A: maximum, mean, RMS, quantiles"
     parser = _added(commands, "deviation", purpose, _SHAPES_EPILOG + _LENGTH_EPILOG)
     _add_shapes(
-        parser, "shape over which distances are taken, no implicit surface", "shape to which distances are taken"
+        parser, "shape over which distances are taken, not an implicit surface", "shape to which distances are taken"
     )
     atol = "largest upper - lower of maximum, mean and RMS (default: 1e-6 of the diagonal)"
     _add_tolerances(parser, atol, 1e-3)

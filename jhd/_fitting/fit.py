@@ -312,7 +312,7 @@ def fit_outline(
         max_segments: largest number of segments of one contour.
         max_steps: largest number of steps of one fit. A fit stops as soon as it is within the tolerance.
         max_seconds: wall time in seconds for all contours together; see `minimize_hausdorff`. When it is over, the
-            present fits are returned, which may exceed the tolerance.
+            best fits so far are returned, which may exceed the tolerance.
         progress: callback that receives a Progress after each step.
 
     Returns:

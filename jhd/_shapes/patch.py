@@ -309,7 +309,7 @@ class BezierPatch(AbstractPatch):
 
 
 class BezierPatches(AbstractPatch):
-    """A union of Bezier patches of one pair of degrees; the patches need not be connected.
+    """A union of Bezier patches of the same degrees in u and v; the patches need not be connected.
 
     A call takes u in [k, k + 1] and v in [0, 1] for patch k; the method `point` takes the index of the patch.
 

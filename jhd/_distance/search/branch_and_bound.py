@@ -36,7 +36,7 @@ _LONG_SHARE = 8
 
 
 class BranchAndBound(AbstractHausdorffMethod):
-    """Branch and bound: certified bounds, lower <= exact <= upper, closed to a tolerance.
+    """Branch and bound, the default method: certified bounds, lower <= exact <= upper, closed to a tolerance.
 
     >>> import jhd
     >>> method = jhd.BranchAndBound(atol=1e-3)

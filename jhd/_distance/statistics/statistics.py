@@ -49,7 +49,7 @@ from jhd._triangles.closest_point import outward
 
 
 class StatisticSolution(AbstractBounds, AbstractSolution):
-    """A statistic of the distances from one shape to another, or the larger of both directions.
+    """A statistic of the distances from one shape to another, or the larger of both directions, with certified bounds.
 
     Args:
         value: the statistic, between the bounds; differentiable in both shapes.
