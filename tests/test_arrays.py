@@ -57,7 +57,7 @@ def test_what_is_no_real_number_is_refused_with_its_type(value, dtype):
 
 def test_a_percentage_is_refused_with_the_number_that_it_stands_for():
     bounds = np.array([0.0, 0.0]), np.array([3.0, 4.0])
-    with pytest.raises(TypeError, match="threshold is '2%'; needs a number: of the diagonal") as caught:
+    with pytest.raises(TypeError, match="threshold is '2%'; needs a number; for the diagonal") as caught:
         real_array("threshold", "2%")
     shape = type("Shape", (), {"bounds": bounds})
     written = str(caught.value).rpartition(" this is ")[2].removesuffix(".")
