@@ -1,4 +1,4 @@
-"""How many arcs does a plane curve need for a tolerance, and how much of what is proven about them is used?
+"""How many arcs does a plane curve need for a tolerance, and what fraction of the proven deviation is attained?
 
 Five curves (a convex cubic, one that inflects, one with a cusp, an ellipse of rational quadratics, a closed cubic
 spline of 24 control points) are replaced by biarcs for tolerances from 1e-1 to 1e-8 of the diagonal of their box. The

@@ -1,9 +1,9 @@
-"""Are certificates of every mix of shapes checked in seconds, and refused when anything that matters is changed?
+"""Are certificates of every pair of kinds checked in seconds, and refused when anything that matters is changed?
 
 For each pair of kinds ten random pairs of shapes, every other one rational: points, curves, parametric surfaces,
-polynomial surfaces and meshes, in the plane too. What is certified is the two-sided distance; of every third pair, and
-of two polynomial surfaces, whose certificates take longest, the directed one; in some mixes the smallest distance, or
-a decision whether a distance is at most nine or eleven tenths of what it is. The certificate is written to a file,
+implicit surfaces and meshes, in the plane too. The two-sided distance is certified; for every third pair, and for two
+implicit surfaces, whose certificates take longest, the directed distance; for some pairs of kinds the minimum distance,
+or a decision whether a distance is at most nine or eleven tenths of its value. The certificate is written to a file,
 which the checker reads as a program of its own, with nothing but Python's standard library. Then two hundred forgeries
 of it (common_forgeries.py): claims beyond the bounds that the search has proven, from one unit in the last place
 upward, of another direction or pair; proofs with a cell gone or with a false statement; shapes with other numbers. Each

@@ -1,4 +1,4 @@
-"""How few of the distances between many letters find the nearest ones, certified, and in what time?
+"""What fraction of the distances between many letters finds the nearest ones, certified, and in what time?
 
 The nearest and the five nearest among 125, 500 and 2 000 letters of DejaVu Sans of each of 500 letters of DejaVu Serif,
 drawn at random, one em high, by `jhd.nearest_shapes`: how many distances were searched for, as a share of all, and CPU

@@ -9,7 +9,7 @@ Claims: the distance falls by a fifth from least squares to the end, both proven
 convex combination of the gradients nearby vanishes to a thousandth.
 
 Feeds: figure "an ellipsoid for a quartic" and its table.
-Takes: 2 minutes, one of it compilation.
+Takes: 2 minutes, half of it compilation.
 """
 
 import time

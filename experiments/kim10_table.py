@@ -139,7 +139,7 @@ def _counts(found: dict[str, jhd.HausdorffSolution]) -> dict[str, Any]:
 
     boxes = {name: total(name, "boxes") for name in ("AlgebraicEvents", PAPER, "BiarcTrimming")}
     if boxes["BiarcTrimming"] > boxes["AlgebraicEvents"]:
-        raise AssertionError(f"trimming looks at more boxes: {boxes}")
+        raise AssertionError(f"trimming examines more boxes: {boxes}")
     stats = found["BiarcTrimming"].stats
     return {
         "boxes": boxes,

@@ -12,7 +12,7 @@ the mean distance of unseen shapes is 0.029 by the soft loss, 0.045 by the dista
 largest 0.066, 0.117 and 0.109.
 
 Feeds: figure "shapes from latent numbers", a small picture of the README, and the table of losses.
-Takes: 2 minutes, half of one compilation.
+Takes: 2 minutes, half of it compilation.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""How fast does a mesh of 67 000 triangles become an adaptive distance field, and how near is the mesh made of that?
+"""How fast does a mesh of 67 000 triangles become an adaptive distance field, and how near is the mesh made from it?
 
 Two closed meshes, of about as many triangles as those of the paper (67 036 and 47 858): a bumpy sphere and a knotted
 tube, or with --meshes FILE the mesh of a file in place of the first. Each becomes a field with a tolerance of 1e-3 of

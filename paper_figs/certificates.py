@@ -1,11 +1,11 @@
-"""CPU seconds that certificates take to be checked, and their cells, for every mix of shapes.
+"""CPU seconds that certificates take to be checked, and their cells, for every pair of kinds of shapes.
 
 Numbers by certificates's experiment.
 
 Caption: CPU seconds of the check of a certificate in exact integers, and its number of cells, for ten random pairs of
-every mix of shapes; the least and the largest are filled. The numbers on the right count refused forgeries, two hundred
-for each certificate: bounds one digit beyond the proven ones, missing cells, wrong foot points, other shapes. Decisions
-that one point answers have no cells.
+shapes for every pair of kinds; the least and the largest are filled. The numbers on the right count refused forgeries,
+two hundred for each certificate: bounds one digit beyond the proven ones, missing cells, wrong foot points, other
+shapes. Decisions that one point answers have no cells.
 """
 
 from typing import Any

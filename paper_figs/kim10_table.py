@@ -4,7 +4,7 @@ Numbers by kim10_table's experiment. Each mark is one pair; lines join the geome
 
 Caption: Times, boxes and gains of trimming against the number of control points, with the times printed in 2010 (table
 1 of Kim et al., with our own data); each mark is one pair, its shape the kind of event, and lines join the geometric
-means of one size. Values agree with the certified distance to 1e-9 of the diagonal. Trimming never looks at more boxes.
+means of one size. Values agree with the certified distance to 1e-9 of the diagonal. Trimming never examines more boxes.
 """
 
 from typing import Any

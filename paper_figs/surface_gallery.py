@@ -3,7 +3,8 @@
 Numbers by surface_gallery's experiment.
 
 Caption: Six pairs of algebraic surfaces, each with its farthest point, the foot points and the certified bounds. All
-but the torus, which has a whole circle of foot points and reports that, close to 1e-6 within a second.
+pairs except the torus close to 1e-6 within a second; the torus has a whole circle of foot points, which its result
+reports.
 """
 
 from typing import Any

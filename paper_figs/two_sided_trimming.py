@@ -4,7 +4,7 @@ Numbers by two_sided_trimming's experiment.
 
 Caption: A pair that loses its maximum when both curves are trimmed as published, since its foot point is trimmed away,
 and the frequency of this loss. Of 150 pairs that differ in two bumps, 111 lose the maximum, by up to 99 % of the
-distance. No maximum is lost when one curve is trimmed.
+distance. No maximum is lost if only one curve is trimmed.
 """
 
 from typing import Any
