@@ -118,7 +118,7 @@ class BestFirstProjection(AbstractProjectionMethod):
     """
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The nearest point to one query."""
+        """The nearest point to one query; called by `jhd.project`."""
         found = nearest(point, curve.control_points, curve.weights, 0.0, skip)
         return found, how_closed(found)
 
@@ -141,7 +141,7 @@ class ProjectedPolyhedronProjection(AbstractProjectionMethod):
         check_whole("capacity", self.capacity, 1)
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The nearest point to one query."""
+        """The nearest point to one query; called by `jhd.project`."""
         roots = jax.vmap(lambda k: roots_on(point, curve, k, self.capacity))(jnp.arange(curve.count))
         return _nearest_of_roots(point, curve, roots, skip)
 
@@ -169,7 +169,7 @@ class IntervalHalvingProjection(AbstractProjectionMethod):
         _check_positive("tolerance", self.tolerance)
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The best foot point over all segments, from the nearest control point of each."""
+        """The best foot point over all segments, from the nearest control point of each; called by `jhd.project`."""
         return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.tolerance, self.max_steps))
 
 
@@ -193,7 +193,7 @@ class NewtonProjection(AbstractProjectionMethod):
         _check_positive("tolerance", self.tolerance)
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The best foot point over all segments, from the nearest control point of each."""
+        """The best foot point over all segments, from the nearest control point of each; called by `jhd.project`."""
         return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.tolerance, self.max_steps))
 
 
@@ -222,7 +222,7 @@ class HybridProjection(AbstractProjectionMethod):
             _check_positive(name, getattr(self, name))
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The best foot point over all segments, from the nearest control point of each."""
+        """The best foot point over all segments, from the nearest control point of each; called by `jhd.project`."""
 
         def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:
             rough, first = halve(e, w, s, self.interval, self.rough, self.max_steps)

@@ -74,7 +74,7 @@ class AlgebraicEvents(AbstractHostMethod):
         check_whole("max_boxes", self.max_boxes, 0)
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """The distance from `a` to `b` in common coordinates.
+        """The distance from `a` to `b` in common coordinates; called by `jhd.directed_hausdorff`.
 
         Args:
             a: the source curve, polynomial and in the plane.

@@ -104,7 +104,7 @@ class CubeIntervals(AbstractHausdorffMethod):
     def directed_surfaces(
         self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Callback | None = None
     ) -> HausdorffSolution:
-        """The directed distance, max over a of min over b.
+        """The directed distance, max over a of min over b; called by `jhd.directed_hausdorff`.
 
         Args:
             a: an implicit surface with a box, both concrete.
@@ -123,7 +123,7 @@ class CubeIntervals(AbstractHausdorffMethod):
     def surfaces(
         self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Callback | None = None
     ) -> HausdorffSolution:
-        """The Hausdorff distance, the larger of both directed ones; each bound is the larger of both bounds.
+        """The larger of both directed distances, with the larger of both bounds; called by `jhd.hausdorff`.
 
         Args:
             a: an implicit surface with a box, both concrete.

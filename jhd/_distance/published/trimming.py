@@ -117,7 +117,9 @@ class BiarcTrimming(AbstractHostMethod):
         check_scalar("deviation", self.deviation, positive=True)
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """The distance from `a` to `b` in common coordinates; parts below the level of the aim are trimmed too.
+        """The distance from `a` to `b` in common coordinates; called by `jhd.directed_hausdorff`.
+
+        Parts below the level of the aim are trimmed too.
 
         Args:
             a: the source curve, polynomial and in the plane.

@@ -292,7 +292,7 @@ class VertexVoxels(AbstractMeshSearch):
         return resolution_of(mesh, self._options())
 
     def search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
-        """The nearest points that the search finds.
+        """The nearest points that the search finds; called by `jhd.project`.
 
         Args:
             points: concrete query points, (points, 3).

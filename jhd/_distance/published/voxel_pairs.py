@@ -261,7 +261,7 @@ class VoxelPairs(AbstractMethod):
         return isinstance(a, _SERVED) and isinstance(b, _SERVED)
 
     def minimum(self, a: Any, b: Any) -> MinimumSolution:
-        """The distance of the nearest samples, as a solution without bounds.
+        """The distance of the nearest samples, as a solution without bounds; called by `jhd.minimum_distance`.
 
         Args:
             a: an implicit surface, a parametric surface or a mesh.

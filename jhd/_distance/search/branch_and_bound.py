@@ -76,7 +76,7 @@ class BranchAndBound(AbstractHausdorffMethod):
         return True
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """The distance from `a` to `b` in common coordinates, in one loop.
+        """The distance from `a` to `b` in common coordinates, in one loop; called by `jhd.directed_hausdorff`.
 
         In a batch on a CPU the searches run one after the other: side by side, all would take as long as the longest
         one. On other devices they run side by side.
@@ -92,7 +92,7 @@ class BranchAndBound(AbstractHausdorffMethod):
         return search(a, b, wanted_of(self, a, frame, aim))
 
     def directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: Any) -> HausdorffSolution:
-        """The distance between two surfaces in one direction, in common coordinates, in one loop."""
+        """The directed distance of surfaces in common coordinates, in one loop; called by `jhd.directed_hausdorff`."""
 
         def search(pair: CoveredPair, wanted: Wanted) -> HausdorffSolution:
             return in_one_go(pair, wanted, length_of_table(self, pair.a), self.max_steps, direction)
