@@ -2,7 +2,7 @@
 
 `TwoStep`, `BiarcTrimming`, `AlgebraicEvents` and `CubeIntervals` serve `jhd.hausdorff` and `jhd.directed_hausdorff`,
 `VoxelPairs` serves `jhd.minimum_distance`, and `VertexVoxels` serves `jhd.project` and `jhd.signed_distance`. The class
-docstrings name the sources, the changes to them, and what each result certifies.
+docstrings name the sources, the changes to them, and the guarantees of each result.
 
 >>> import jhd
 >>> line, hill = jhd.polyline([(0, 0), (2, 0)]), jhd.BezierCurve([(0, 1), (1, 3), (2, 1)])

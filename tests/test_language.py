@@ -74,3 +74,11 @@ def test_each_function_says_what_it_returns_and_shows_it():
     assert [name for name, text in plain.items() if "Returns:" not in text] == []
     # The smallest example of critical_pairs compiles for ten seconds.
     assert [name for name, text in plain.items() if ">>> " not in text] == ["jhd.critical_pairs"]
+
+
+def test_an_example_can_be_pasted_from_the_help():
+    shown = {name: re.findall(r"^ *(?:>>>|\.\.\.) (.*)$", text, re.M) for name, (text, _) in FOUND.items()}
+    shown = {name: lines for name, lines in shown.items() if lines}
+    assert len(shown) > 90
+    assert [name for name, lines in shown.items() if "import jhd" not in lines] == []
+    assert [name for name, lines in shown.items() if any("jhd._" in line for line in lines)] == []
