@@ -64,6 +64,11 @@ def test_a_percentage_is_refused_with_the_number_that_it_stands_for():
     assert eval(written, {"np": np, "shape": shape}) == pytest.approx(0.1)
 
 
+def test_a_percentage_of_a_relative_tolerance_is_a_fraction():
+    with pytest.raises(TypeError, match=r"rtol is '1%'; needs a number: 1 / 100\."):
+        real_array("rtol", "1%")
+
+
 class InMeters(np.ndarray):
     """An array that knows its unit, as those of astropy and unyt."""
 

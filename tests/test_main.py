@@ -321,7 +321,7 @@ def test_the_doctor_names_versions_devices_and_precision_and_checks_itself(run):
         "numpy",
         "matplotlib",
         "devices",
-        "programs",
+        "functions",
         "JAX's cache",
     } <= set(named)
     assert any(line.startswith("self-check ") and " passed: " in line for line in out.splitlines())
@@ -332,7 +332,7 @@ def test_the_doctor_names_versions_devices_and_precision_and_checks_itself(run):
 @CPU_ONLY
 def test_the_doctor_says_what_is_kept_and_why_a_folder_is_not_used(run, monkeypatch, tmp_path):
     def said():
-        return next(line for line in run("doctor")[1].splitlines() if line.startswith("programs  ")).split(maxsplit=1)[
+        return next(line for line in run("doctor")[1].splitlines() if line.startswith("functions  ")).split(maxsplit=1)[
             1
         ]
 
@@ -361,7 +361,7 @@ def test_warm_keeps_the_programs_of_the_kinds_that_are_named(run, monkeypatch, t
     assert (status, err) == (0, "")
     assert calls == [(["plane", "meshes"], 4), "plane", "meshes"]
     assert [line.split(": one")[0] for line in out.splitlines()[:2]] == ["plane", "meshes"]
-    assert f"programs   {tmp_path / 'kept' / 'programs'} (0.0 MB in 0 files" in out
+    assert f"functions  {tmp_path / 'kept' / 'programs'} (0.0 MB in 0 files" in out
     status, out, _ = run("precompile", "--json")
     assert json.loads(out)["kinds"] == list(KINDS) and json.loads(out)["degree"] is None
     assert calls[3] == (list(KINDS), None)

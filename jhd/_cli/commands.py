@@ -172,7 +172,7 @@ def doctor(options: Namespace) -> int:
         **{name: _version(name) for name in _PACKAGES},
         "devices": ", ".join(str(device) for device in jax.devices()) + f" ({jax.default_backend()})",
         "precision": precision(),
-        "programs": _kept(),
+        "functions": _kept(),
         "JAX's cache": _cache(),
     }
     # The diagonal of a rectangle 4 by 3 against its base: the upper corner is 3 away, every other point less.
@@ -221,7 +221,7 @@ def precompile(options: Namespace) -> int:
         return 0
     width = max(len(row["name"]) for row in rows)
     print("\n".join(f"{row['name']:<{width}}  {row['seconds']:6.2f} s" for row in rows), end="\n\n")
-    print(f"programs   {_kept()}")
+    print(f"functions  {_kept()}")
     return 0
 
 
@@ -240,7 +240,7 @@ def _kept() -> str:
     if jax.default_backend() != "cpu":
         return "not kept: only for CPUs"
     if not folder.exists():
-        return f"{folder} (not there yet)"
+        return f"{folder} (does not exist yet)"
     reason = storage.refusal(folder)
     if reason is not None:
         return f"{folder} (not used: {reason})"
@@ -256,5 +256,5 @@ def _cache() -> str:
     try:
         sizes = [entry.stat().st_size for entry in os.scandir(folder) if entry.is_file()]
     except OSError:
-        return f"{folder} (not there yet)"
+        return f"{folder} (does not exist yet)"
     return f"{folder} ({sum(sizes) / 1e6:.1f} MB in {len(sizes)} files)"

@@ -26,7 +26,7 @@ FloatArray = Any
 
 
 class CurvePlaces(NamedTuple):
-    """CurvePlaces on a curve of segments: indices and parameters in [0, 1]."""
+    """Points on a curve of segments: indices and parameters in [0, 1]."""
 
     segment: FloatArray
     t: FloatArray

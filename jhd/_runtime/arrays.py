@@ -118,6 +118,8 @@ def real_array(name: str, value: Any) -> Array:
     if is_traced(value):
         return jnp.asarray(value, dtype=float)
     if _is_percentage(value):
+        if name == "rtol":
+            raise TypeError(f"rtol is {value!r}; needs a number: {value[:-1]} / 100.")
         share = f"{value[:-1]} / 100 * np.linalg.norm(np.subtract(*shape.bounds))"
         raise TypeError(f"{name} is {value!r}; needs a number; for the diagonal of a shape's box, this is {share}.")
     given = bare_array(name, value)

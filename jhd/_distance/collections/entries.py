@@ -4,7 +4,7 @@ Shapes can be of any kinds, also mixed, of one dimension. Curves, which may diff
 are measured in blocks by a few compiled functions; shapes of other kinds one after the other. The work runs on threads,
 or on any executor.
 
-PivotDistances find the pairs that may be within a threshold without visiting all pairs. Distances from one point,
+Pivot distances find the pairs that may be within a threshold without visiting all pairs. Distances from one point,
 sorted, give each shape a window of candidates; in this window all points are compared.
 """
 
