@@ -6,8 +6,8 @@ L_theta theta - L_theta z L_zz^-1 L_z theta over the unknowns z that are not hel
 d that is orthogonal to its direction u is a a^T / d; one more unknown with the diagonal -d keeps it out of the matrices
 as d goes to zero, and at a free foot in the plane u is the normal of the curve: the close case stays well conditioned.
 
-This runs in NumPy on the host, for all pairs with as many feet at once, and nothing to compile: unknowns that are held
-have rows and columns of zeros, which the least solution leaves alone. The same derivatives are those of
+This runs in NumPy on the host, at once for all pairs with equally many feet, without compilation. Unknowns that are
+held have rows and columns of zeros, which the least-norm solution leaves at zero. The derivatives agree with those of
 `critical_pairs` under jax.grad.
 """
 

@@ -1,11 +1,11 @@
 """Proven bounds of the Hausdorff distance of two curves in NumPy, for fits that end without a compiled search.
 
-A piece of one curve lies in the hull of its control points, and the distance to any point y of the other curve is
-convex, so it is at most the largest of the control points' distances from y, here a foot of the middle: of second order
-in the length of the piece where the distance is largest. Pieces above what is known of the least are halved. From below
-it is a point's distance from the balls about the pieces of the other curve that control points lie in.
+A piece of one curve lies in the hull of its control points, and the distance to any point y of the opposite curve is
+convex. So it is at most the largest distance of a control point from y, here a foot of the middle: the bound is of
+second order in the length of the piece at the largest distance. Pieces with too large bounds are halved. The lower
+bound is the distance of a point from balls about the control points of the pieces of the opposite curve.
 
-The programs of `hausdorff` are faster and close the gap; they take half a minute of a slow processor to compile.
+The compiled search of `hausdorff` is faster and closes the gap; it takes half a minute of a slow processor to compile.
 """
 
 from functools import cached_property

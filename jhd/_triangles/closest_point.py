@@ -1,10 +1,10 @@
 """The nearest point of a mesh for many points at once: exact, with proven bounds, in bounded memory.
 
-A point keeps the least squared distance found so far, at first that of a near triangle named by a grid. Pairs of a
-point and a node wait on a stack; a block of them at a time is expanded by a compiled program that compares the boxes of
-the eight children with these distances, and the host gathers the pairs that are left. The deepest pairs go first, so
-the stack is short whatever the points are, and what they find shortens the rest. Pairs come in blocks of a few sizes,
-so few programs are compiled.
+A point keeps the least squared distance found so far, at first the distance to a near triangle named by a grid. Pairs
+of a point and a node wait on a stack. A compiled function expands a block of them at a time: it compares the boxes of
+the eight children with these distances, and the host gathers the remaining pairs. The deepest pairs go first, so the
+stack is short whatever the points are, and their results shorten the rest. Pairs come in blocks of a few sizes, so few
+functions are compiled.
 
 A node is left out if its box is farther away than a distance found, by more than the error of both. So the distances
 of its triangles are not below the computed distance. The distances of the other triangles are known up to

@@ -1,11 +1,12 @@
 """The distance of two triangles in exact rational arithmetic: its square, and the nearest points.
 
 Two triangles that do not meet are nearest at a vertex and an edge, at two edges, or at a vertex and the inside of a
-face; two that meet without that are pierced by an edge of one of them. All of these are tried, none is rounded, and
-degenerate triangles, which are segments or points, need no case of their own: their faces have no inside.
+face. If two triangles meet and none of these pairs of features does, an edge of one triangle pierces the other. All
+cases are tried, none is rounded, and degenerate triangles, which are segments or points, need no case of their own:
+their faces have no inside.
 
-One pair takes a millisecond or two, so this decides what floating point leaves open: whether triangles meet, and the
-last digits.
+One pair takes a millisecond or two, so this file decides only the questions that floating point leaves open: whether
+triangles meet, and the last digits.
 
 Source: Ericson, Real-Time Collision Detection (2005), chapter 5, for the nearest points of segments.
 """

@@ -4,17 +4,17 @@ A cell is a segment or triangle of parameters u of one piece of a. On a piece of
 sigma follow the feet (jhd._distance.cells.foot_maps), e = a - b(sigma), n a unit vector across b near the cell, s = n.e
 the height of a point, and t = e - s n. All are polynomials, whose means are those of their Bernstein coefficients.
 
-**Above.** Where sigma stays on the piece, d <= |e| <= |s| + min(|t|, |t|^2 / (2 |s|)).
+**Above.** If sigma stays on the piece, d <= |e| <= |s| + min(|t|, |t|^2 / (2 |s|)).
 
-**Below.** Let F(v) = |a(u) - b(v)|^2 / 2 on a box of parameters v that holds sigma and all of the piece that may be
-nearest. In coordinates y in which its second derivatives are at least mu > 0, for all u of the cell,
+**Below.** Let F(v) = |a(u) - b(v)|^2 / 2 on a box of parameters v that holds sigma and the whole part of the piece that
+may be nearest. In coordinates y in which its second derivatives are at least mu > 0, for all u of the cell,
 
     F(v) >= F(sigma) + F'(sigma).(v - sigma) + mu |v - sigma|^2 / 2 >= F(sigma) - |F'(sigma)|^2 / (2 mu),
 
 so the distance to that part of the piece is at least sqrt(s^2 - l) with l = |F'(sigma)|^2 / mu, which is at least
 |s| - min(sqrt(l), l / |s|). Here F' = -b'.e, so |F'| <= A |t| + theta |s| with A >= |b'| and theta >= |n.b'| on the
-box, both in the coordinates y: what is lost is the square of the angle by which n is not the normal, times the height,
-and that of what sigma misses. Of several pieces the smallest coefficients are those of a polynomial below all.
+box, both in the coordinates y. The loss is the square of the angle between n and the normal, times the height, plus the
+square of the mismatch of sigma. For several pieces, the smallest coefficients belong to a polynomial below all of them.
 
 On rational shapes e = E / w. With l a polynomial of degree one close to w and c about their middle,
 

@@ -3,16 +3,16 @@
 A shape is a union of tensor-product pieces; a curve is one whose second parameter has degree zero. A cell is a box of
 parameters of one piece of each shape, x in [0, 1]^n over the box, with e(x) = a - b and F = |e|^2 / 2. Lower bounds:
 
-- the gap of the boxes of the control points, and the gap along one direction, that of the nearest pair found;
-- **convexity**: where the second derivatives of F over the cell are proven to be positive semidefinite,
+- the gap of the boxes of the control points, and the gap along the direction of the nearest pair found;
+- **convexity**: if the second derivatives of F over the cell are proven to be positive semidefinite,
   F(x) >= F(z) + sum g_i (x_i - z_i) with the gradient g at any z. If a positive definite form bounds them from below,
   half of its value at x - z is added. At the minimum z over the cell this is exact but for the residual of z. The
   first bound holds of psi = n.(a - b) <= |e| too, with a fixed unit vector n; its second derivatives do not fade as the
   shapes come close;
-- **exclusion**: where dF/dx_i > 0 over a cell that does not start at the border of its piece, the cell holds no
-  minimum of the distance between the two pieces. Where it does, all of its minima are on that border, and the cell
-  shrinks to it. So with dF/dx_i < 0 at the other end. What is left out holds no nearest pair of the two pieces, hence
-  the smallest bound of the cells that stay is a bound of the distance.
+- **exclusion**: if dF/dx_i > 0 over a cell that does not start at the border of its piece, the cell holds no
+  minimum of the distance between the two pieces. If it starts there, all of its minima are on that border, and the cell
+  shrinks to it. The same holds for dF/dx_i < 0 at the opposite end. The parts left out hold no nearest pair of the two
+  pieces, hence the smallest bound of the remaining cells is a bound of the distance.
 
 Rounding: see `jhd._distance.normalization.net_jets` for points and derivatives; balls enclose the rest.
 

@@ -4,8 +4,8 @@ The pieces are put into an order in which halves of ranges are neighbors. Each p
 these that applies, and is cut otherwise:
 
 - One part is a tetrahedron of the box of an implicit surface that is free of zeros.
-- A plane keeps the parts apart. Its normal is that of the solution, or the shortest vector between the hulls of control
-  points, as Gilbert's steps find it.
+- A plane keeps the parts apart. Its normal is the direction of the solution, or the shortest vector between the hulls
+  of control points, found by Gilbert's steps.
 - With the polynomials f_a and f_b of implicit surfaces, and multipliers m and n that are affine on the parts,
 
       |x - y|^2 - bound^2 + m f_a(x) + n f_b(y) >= 0

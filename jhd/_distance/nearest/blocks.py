@@ -1,8 +1,8 @@
 """Long curves: segments in blocks that lie close together, so that one box excludes most of them.
 
-Segments are sorted along a curve that fills space and cut into blocks with a box each; queries likewise into groups.
-A group examines blocks in the order of the distance of their boxes, until the next block is out of reach of all its
-queries. A query is compared with the chord of a segment.
+Segments are sorted along a space-filling curve and cut into blocks with a box each; queries are cut into groups in the
+same way. A group examines blocks in the order of the distance of their boxes, until the next block is out of reach of
+all its queries. A query is compared with the chord of a segment.
 
 With D the distance of a query from the chord, the distance from the segment lies in [D - delta, D + delta]; see
 jhd._distance.nearest.chords, for the rounding too. A box is exact, and its distance takes no more roundings than D.

@@ -1,7 +1,7 @@
 """A pair of curves in common coordinates (jhd._distance.normalization.coordinates), padded to a few sizes.
 
-The exact distance is the one of the stored arrays, so every step has a bound: scaling by a power of two is exact
-(flushed subnormals aside), and `preparation_error` covers moving and raising the degree.
+The exact distance refers to the stored arrays, so every step has a bound: scaling by a power of two is exact (flushed
+subnormals aside), and `preparation_error` covers moving and raising the degree.
 """
 
 import math

@@ -1,7 +1,7 @@
 """A pair of parametric shapes as nets of control points in common coordinates.
 
-The exact distance is that of the stored arrays; `jhd._distance.normalization.curves.preparation_error` bounds what
-moving them to the origin and raising the degree of curves does.
+The exact distance refers to the stored arrays; `jhd._distance.normalization.curves.preparation_error` bounds the error
+of moving them to the origin and of raising the degree of curves.
 """
 
 from typing import Any

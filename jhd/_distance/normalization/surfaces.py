@@ -1,11 +1,11 @@
 """Implicit surfaces in common coordinates, each with another shape: moved to the origin, scaled by a power of two.
 
-The exact distance is that of the stored coefficients and boxes. The corners of the boxes move without rounding: an axis
-is moved only where its coordinates lie so far from the origin, compared with their extent, that the difference to their
-middle is exact (Sterbenz), and so do the control points of a parametric shape. Each coefficient comes with a bound of
-its error. Where the surfaces are known they are written in the new coordinates in exact arithmetic and rounded once, so
-neither size nor place costs digits; under tracing the shift is rounded, and far from the origin its errors are large
-and said to be so.
+The exact distance refers to the stored coefficients and boxes. The corners of the boxes move without rounding: an axis
+is moved only if its coordinates lie so far from the origin, compared with their extent, that the difference to their
+middle is exact (Sterbenz). The same holds for the control points of a parametric shape. Each coefficient comes with a
+bound of its error. Known surfaces are written in the new coordinates in exact arithmetic and rounded once, so neither
+size nor location costs digits. Under tracing the shift is rounded; far from the origin its errors are large, and the
+bounds include them.
 
 Coordinates below the smallest normal number count as zero.
 """

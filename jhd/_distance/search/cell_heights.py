@@ -1,8 +1,8 @@
-"""Bounds over cells beside a curve or parametric surface by heights (normal_offset_bounds), from the host.
+"""Bounds over cells near a curve or parametric surface by heights (normal_offset_bounds), from the host.
 
-Parts of the pieces of b whose boxes are near a cell are those that may be nearest; of each piece one box of parameters
-holds them. Where one of the pieces has no valley there, as about a pole or an edge where sides meet in a fold, or too
-many pieces are near, the cell has no lower bound.
+Parts of the pieces of b whose boxes are near a cell may be nearest; for each piece one box of parameters holds them.
+The cell has no lower bound if one of the pieces has no valley there, for example about a pole or an edge where sides
+meet in a fold, or if too many pieces are near.
 """
 
 from typing import Any, NamedTuple

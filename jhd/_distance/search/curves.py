@@ -1,13 +1,13 @@
 """Proven lower and upper bounds of the directed Hausdorff distance of two curves, closed by branch and bound.
 
-Cells that cover a wait in a table with a proven upper bound each. A step takes the few with the largest bounds, bounds
-them by two branches split at their peak (jhd._distance.cells.branches), proves the distance of the most promising peak
-from below over all of b (jhd._distance.nearest.curves), and cuts the cells at their peaks. Maxima are met after three
-or four steps, because the bound of a cell cut at its peak is exact up to the mismatch of its feet.
+Cells that cover a wait in a table with a proven upper bound each. A step takes the few cells with the largest bounds,
+bounds them by two branches split at their peak (jhd._distance.cells.branches), proves the distance of the most
+promising peak from below over all of b (jhd._distance.nearest.curves), and cuts the cells at their peaks. Three or four
+steps reach a maximum, because the bound of a cell cut at its peak is exact up to the mismatch of its feet.
 
 At every moment every point of a lies in a cell whose upper bound holds, so the largest of them is a bound of the
-distance, also when the search is stopped; what does not fit in the table is folded into it. Nothing is discarded on an
-unproven lower bound.
+distance, also when the search is stopped. If a cell does not fit into the table, its bound is kept. Nothing is
+discarded on an unproven lower bound.
 
 Source: the search and the bounds are ours; the events are those of Elber & Grandine, GMP 2008.
 """

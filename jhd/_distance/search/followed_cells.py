@@ -1,14 +1,14 @@
 """Bounds over cells by feet that are followed over them, from the host; see jhd._distance.cells.foot_map_bounds.
 
-A box of parameters of a patch is two triangles, that of a curve a segment, and the cells of meshes are triangles. Of
-the pieces that the feet of a cell lie on one after the other is tried, until the bound is good enough. Where the foot
-leaves its piece within the cell, this is cut along the line through the places on its edges where that happens, and the
-parts are bounded one by one, and cut again where that is needed, about a corner of several pieces: without cuts the
-bound would be off by the square of the cell's size there.
+A box of parameters of a patch is two triangles, an interval of a curve is a segment, and the cells of meshes are
+triangles. The pieces on which the feet of a cell lie are tried one after the other, until the bound is good enough. If
+the foot leaves its piece within the cell, the cell is cut along the line through the points on its edges at which this
+happens. The parts are bounded one by one, and cut again if necessary, about a corner of several pieces: without cuts
+the bound would be off by the square of the cell's size there.
 
-The new corners divide edges in shares whose sum is exactly one, so the parts cover the cell. Shares of parts of parts
-are sums of products of those, all non-negative, so each is off by a factor of gamma(2) a cut, which counts with the
-roundings of what is composed with them (jhd._arithmetic.simplices).
+The new corners divide edges in fractions whose sum is exactly one, so the parts cover the cell. Fractions of parts of
+parts are sums of products of these, all non-negative, so each is off by a factor of gamma(2) a cut. This counts with
+the roundings of the later compositions (jhd._arithmetic.simplices).
 """
 
 from copy import copy

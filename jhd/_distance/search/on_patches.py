@@ -1,12 +1,12 @@
 """Nearest points of parametric surfaces and curves in space, proven, for many queries at once.
 
 The first feet come from samples of the surface and a few steps of Newton's method. Most of them are proven at once: the
-distance is convex over a part of the piece about the foot, and all parts that boxes do not rule out lie within it
+distance is convex over a part of the piece about the foot, and all parts that boxes do not exclude lie within it
 (jhd._distance.search.patch_boxes).
 
-For the rest a query is a pair search of a point and a net (jhd._distance.cells.pairs). The cells of all queries wait in
-one list: a block of them is bounded by a compiled program, and the host cuts those that may still hold a nearer point.
-So the work is that of the cells alone, whichever query they belong to.
+Each remaining query is a pair search of a point and a net (jhd._distance.cells.pairs). The cells of all queries wait in
+one list: a compiled function bounds a block of them, and the host cuts the cells that may still hold a nearer point. So
+the work depends on the cells alone, whichever query they belong to.
 
 Rounding. The control points are taken relative to the query, which rounds each coordinate once, and scaled by a power
 of two to at most one, for each pair of query and piece: bounds of a cell are relative to how far away its piece is.

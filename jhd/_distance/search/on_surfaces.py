@@ -1,6 +1,7 @@
 """Nearest points of implicit surfaces, proven, for many queries at once; see jhd._distance.nearest.surfaces.
 
-A query so far away that the whole box is one place beside it is answered by the box and by a proven point in it.
+If a query is so far away that the whole box is one point compared with the distance, the box and a proven point in it
+give the answer.
 """
 
 from typing import Any

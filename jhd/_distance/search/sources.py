@@ -1,10 +1,10 @@
 """Sources of distances: curves, parametric surfaces, meshes and implicit surfaces, cut into cells.
 
-A cell lies in the hull of some points, and is bounded by flat pieces of the other shape
-(jhd._distance.cells.proxy_bounds). Of a curve or patch these are the control points of a part, of a triangle its
-corners, and of an implicit surface the corners of what is left of a box between the two planes that hold all of the
-surface in it; there the bound by points of the other shape of jhd._distance.cells.surfaces counts as well, which knows
-of the curvature.
+A cell lies in the hull of some points, and is bounded by flat pieces of the opposite shape
+(jhd._distance.cells.proxy_bounds). For a curve or patch these points are the control points of a part, and for a
+triangle its corners. For an implicit surface they are the corners of the part of a box between the two planes that
+enclose the surface in it. There the bound of jhd._distance.cells.surfaces, by points of the opposite shape, is used as
+well, because it takes the curvature into account.
 
 Rounding. Coordinates are at most one (those of far points may be larger, by |q|): a control point of a part is off by
 eta (see jhd._distance.normalization.net_jets) in each coordinate, which moves a distance by at most sqrt(3) eta; a

@@ -1,10 +1,10 @@
 """Quantiles of the distance over a surface, with derivatives: levels below which a fraction of its area lies.
 
-With M(Q) the area where d <= Q and L all of it, the quantile solves M(Q) = q L. The curve d = Q moves with the shapes
-by the change of d over its slope, so each place where a line of a cut rule passes the level counts with w = density /
-slope, and dQ = (q dL - dM + sum w dd) / sum w, where dM is that of the area below at fixed parameters, as along curves
-(jhd._distance.statistics.quantiles). Only cells that the level may pass are looked at closely: the distance changes by
-no more than the place does.
+With M(Q) the area of the part with d <= Q and L the whole area, the quantile solves M(Q) = q L. The curve d = Q moves
+with the shapes by the change of d over its slope. So each point at which a line of a cut rule crosses the level counts
+with w = density / slope, and dQ = (q dL - dM + sum w dd) / sum w, where dM is the derivative of the area below at fixed
+parameters, as along curves (jhd._distance.statistics.quantiles). Only cells that the level may cross are examined
+closely: the distance changes by no more than the point moves.
 """
 
 from typing import Any, NamedTuple

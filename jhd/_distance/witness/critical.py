@@ -1,8 +1,8 @@
 """Critical pairs: the local maxima of the distance between two curves, in both directions, with their derivatives.
 
-They are the active set of a minimax problem: where one curve is fitted to the other, several of them are equal. The
-maxima of one direction are found by jhd._distance.witness.maxima. One that is narrower than the samples there are apart
-can be missed: nothing says that the list is complete. The entry, jhd._distance.critical_pairs, checks the largest one.
+They are the active set of a minimax problem: if one curve is fitted to the other, several of them are equal.
+jhd._distance.witness.maxima finds the maxima of one direction. A maximum that is narrower than the spacing of the
+samples can be missed, so the list may be incomplete. The entry, jhd._distance.critical_pairs, checks the largest one.
 
 Source: the events are those of Elber & Grandine, GMP 2008; the search is ours.
 """

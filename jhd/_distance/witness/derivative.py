@@ -1,13 +1,13 @@
 """Derivatives of a Hausdorff distance and of its witness, and of nearest points, in all arrays they depend on.
 
-The search is not differentiated: its answer is a function of both curves by the active system
-(jhd._distance.witness.active), and its derivatives are those of that function, in forward and reverse mode, of first
-and higher order.
+The search is not differentiated. Its result is a function of both curves by the active system
+(jhd._distance.witness.active), and the derivatives of this function are used, in forward and reverse mode, of first and
+higher order.
 
-Where several places are equally far the derivative is that of the witness named, one of the generalized derivatives of
-the maximum. Where several feet are equally near at an end or corner of a it lies between the one-sided derivatives in
-every direction (jhd._distance.witness.multipliers). Where the distance is zero it is not differentiable, and zero is
-taken.
+If several points are equally far, the derivative belongs to the witness returned; it is one of the generalized
+derivatives of the maximum. If several feet are equally near at an end or corner of a, it lies between the one-sided
+derivatives in every direction (jhd._distance.witness.multipliers). At distance zero the distance is not differentiable,
+and the derivative is taken as zero.
 """
 
 from dataclasses import replace

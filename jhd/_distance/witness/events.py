@@ -1,7 +1,7 @@
 """Residuals of the events at which the distance from a to b is maximal, and the witness that tells them apart.
 
-A foot is free, where (A - B).B' = 0, or pinned at an end or corner of b, where its parameter is fixed. With that one
-switch a pair of feet covers foot and foot, foot and end, end and end.
+A foot is free, with (A - B).B' = 0, or pinned at an end or corner of b, with a fixed parameter. With this one switch a
+pair of feet covers foot and foot, foot and end, end and end.
 
 Source: Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and R^3, GMP 2008; Cao et
 al. 2014, section 3.

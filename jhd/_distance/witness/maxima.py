@@ -1,8 +1,8 @@
 """Local maxima along one curve of the distance to another one, refined and checked.
 
-Samples of each segment propose them, where the slope of the distance changes its sign or at ends and corners; bisection
-with the nearest foot tells one foot from two, Newton's method on the active system (jhd._distance.witness.active)
-refines them, and a proven search checks that no other foot is nearer.
+Samples of each segment propose the maxima: intervals in which the slope of the distance changes its sign, ends and
+corners. Bisection with the nearest foot distinguishes one foot from two, Newton's method on the active system
+(jhd._distance.witness.active) refines the maxima, and a proven search checks that no further foot is nearer.
 """
 
 import math

@@ -1,9 +1,10 @@
 """The witness of a distance between meshes: all nearest triangles of the farthest point, and their weights.
 
-The distance from a point to one foot is a convex function, so a maximum over a that is no vertex of a has several feet
-at one distance, and one at a vertex can have. To first order the maximum moves so that they stay equal, and its
-derivative is the sum of theirs at the fixed place on a, with the multipliers of jhd._distance.witness.multipliers: they
-balance along a face; at an edge or a vertex no direction into one of the triangles there raises the distance.
+The distance from a point to one foot is a convex function. So a maximum over a that is not a vertex of a has several
+feet at one distance, and a maximum at a vertex can have several. To first order the maximum moves so that these
+distances stay equal. Its derivative is the sum of their derivatives at the fixed point on a, with the multipliers of
+jhd._distance.witness.multipliers: they balance along a face; at an edge or a vertex no direction into one of the
+triangles there raises the distance.
 """
 
 from typing import Any, NamedTuple

@@ -8,16 +8,16 @@ programs
     max over e in C of min_k (c_k + u_k.e)  =  min over l in L of sum l_k c_k,
     L = the l >= 0 of sum one with sum l_k u_k.e <= 0 for all e in C:
 
-no direction into a raises the combined distance. So every l in L gives a derivative between the one-sided ones, in
-every direction of change, and one outside of L does not. Inside of a curve or face C is a line or plane, and the slopes
-cancel; at an end C is one ray. At a corner of a curve, and at edges and vertices of a mesh, C is a union of rays or of
-convex cones, and the condition is asked of each. Where these ask for opposite things the maximum is the larger of one
-on each; with two feet what lies between is between the one-sided derivatives still, with more of them the derivative is
-one of the generalized derivatives.
+no direction into a raises the combined distance. So every l in L gives a derivative between the one-sided derivatives,
+in every direction of change, and an l outside of L does not. Inside of a curve or face C is a line or plane, and the
+slopes cancel; at an end C is one ray. At a corner of a curve, and at edges and vertices of a mesh, C is a union of rays
+or of convex cones, and each of them has its own condition. If these conditions exclude each other, the maximum is the
+larger of one on each cone. With two feet, multipliers between them still give a derivative between the one-sided
+derivatives; with more feet, one of the generalized derivatives.
 
-Of the admissible multipliers those are taken that leave the nearest foot the most: then the derivative is that of the
-nearest foot, or that of the point inside of a where two feet are equally near, also where the tie is not exact. Where
-none are admissible they are those of the least violation.
+Among the admissible multipliers, those that weight the nearest foot the most are taken. The derivative is then that of
+the nearest foot, or, also if the tie is not exact, that of the point inside of a at which two feet are equally near. If
+no multipliers are admissible, those of the least violation are taken.
 
 Source: Danskin, The theory of max-min and its application to weapons allocation problems (1967); duality as in any
 text on linear programming.

@@ -1,19 +1,19 @@
 """The maximum of the distance from one implicit surface in a box to another one, near a candidate.
 
-A box cuts its surface, so an extremum may lie on a face, an edge or a corner of the box. Which faces hold it is a part
-of the answer: a face holds a coordinate while the sign of its multiplier says so and lets it go otherwise, as does one
-that the surface only touches. What comes back is a proposal, to be proven or thrown away by the caller; it is not
-differentiable. The precision is that of the polynomials near the points, so boxes far from the origin need
-recentering before.
+A box cuts its surface, so an extremum may lie on a face, an edge or a corner of the box. The faces that hold it are a
+part of the solution: a face holds a coordinate while the sign of its multiplier says so and releases it otherwise, also
+if the surface only touches the face. The result is a proposal, which the caller proves or discards; it is not
+differentiable. The precision is that of the polynomials near the points, so boxes far from the origin must be centered
+first.
 
 The unknowns of a maximum are the point p on a with a multiplier, the feet q_k on b with their signed distances t_k
 along the unit normals N_k, the weights w_k and the distance d:
 
     f_a(p) = 0,  f_b(q_k) = 0,  p - q_k = t_k N_k,  |p - q_k| = d,  sum w_k = 1,  sum w_k u_k = lambda grad f_a(p)
 
-with the unit vectors u_k from the feet to p. Where a face holds a coordinate its equation gives way to the face's, and
-normals are gradients divided by the length of their free part. Where no face holds a foot, u_k is its normal, which
-close surfaces leave well known while p - q_k is lost to rounding.
+with the unit vectors u_k from the feet to p. If a face holds a coordinate, its equation is replaced by the equation of
+the face, and normals are gradients divided by the length of their free part. If no face holds a foot, u_k is its
+normal, which is accurate on close surfaces, while p - q_k is lost to rounding.
 
 Source: Karush-Kuhn-Tucker conditions of the maximum of a minimum; the events are those of Elber & Grandine, GMP 2008,
 carried over to surfaces in a box.

@@ -1,14 +1,14 @@
 """Derivatives of nearest points on surfaces: of the distance, of the foot and of its parameters, in query and surface.
 
-The foot solves equations: on a patch the distance is stationary in the parameters that no border holds, on a polynomial
+The foot solves equations. On a patch the distance is stationary in the parameters that no border holds. On an implicit
 surface the polynomial is zero and the query lies on the normal, in the coordinates that no face holds. Two Newton steps
-from the foot found, which is a constant, carry first and second derivatives. Where the equations are singular (a whole
-region is equally near) nothing moves, which leaves the first derivative of the distance as it is. At a pole, which is a
-free foot on a collapsed edge, one piece does not tell how the foot moves: its derivatives and the second ones of the
-distance are NaN there.
+from the foot found, which is a constant, carry first and second derivatives. If the equations are singular (a whole
+region is equally near), nothing moves, which leaves the first derivative of the distance unchanged. At a pole, which is
+a free foot on a collapsed edge, one piece does not determine how the foot moves: its derivatives and the second
+derivatives of the distance are NaN there.
 
-Along the normal of a surface the distance keeps its digits where the query is close. At distance zero it has the
-derivative zero by convention.
+Along the normal of a surface the distance keeps its digits if the query is close. At distance zero the derivative is
+zero by convention.
 """
 
 from typing import Any
