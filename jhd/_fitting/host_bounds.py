@@ -3,7 +3,7 @@
 A piece of one curve lies in the hull of its control points, and the distance to any point y of the opposite curve is
 convex. So it is at most the largest distance of a control point from y, here a foot of the middle: the bound is of
 second order in the length of the piece at the largest distance. Pieces with too large bounds are halved. The lower
-bound is the distance of a point from balls about the control points of the pieces of the opposite curve.
+bound is the distance of a point from balls that contain the control points of the pieces of the opposite curve.
 
 The compiled search of `hausdorff` is faster and closes the gap; it takes half a minute of a slow processor to compile.
 """
