@@ -131,6 +131,7 @@ NOT_COVERED = {
     ("_distance/cells/weighted.py", "share_bounds", 1): _HOST,
     ("_distance/normalization/stopping.py", "default_tolerance", 1): _FORMAT,
     ("_distance/normalization/coordinates.py", "Frame.common", 1): _POWERS,
+    ("_distance/normalization/coordinates.py", "moved_by", 2): _HOST,
     ("_distance/normalization/coordinates.py", "user_length", 2): _POWERS,
     ("_distance/normalization/isolated.py", "isolated_points", 6): _HOST,
     ("_distance/normalization/surfaces.py", "_exact", 2): _HOST,

@@ -17,7 +17,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from jhd._arithmetic.rounding import smallest_normal
+from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.scaling import common_exponent, ldexp, length, scale_of, times_two_to
 from jhd._results.solution import RESULTS, HausdorffSolution, result_where, with_lengths
 from jhd._runtime.arrays import array_of, is_traced
@@ -163,3 +163,8 @@ def common_points(frame: Frame, x: Any) -> Any:
     """Points of the user's in the common coordinates; subtracting the center rounds each coordinate once."""
     center, first, second = frame.center, frame.first, frame.second
     return times_two_to(ldexp(x, -first) - center, -second)
+
+
+def moved_by(x: np.ndarray) -> np.ndarray:
+    """Bound on what writing points in common coordinates moved each by, in the common unit; x is the points there."""
+    return gamma(4, x.dtype) * np.sqrt(3) * np.max(np.abs(x), axis=1).astype(np.float64) + 64 * smallest_normal(x.dtype)

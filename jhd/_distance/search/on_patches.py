@@ -8,8 +8,10 @@ Each remaining query is a pair search of a point and a net (jhd._distance.cells.
 one list: a compiled function bounds a block of them, and the host cuts the cells that may still hold a nearer point. So
 the work depends on the cells alone, whichever query they belong to.
 
-Rounding. The control points are taken relative to the query, which rounds each coordinate once, and scaled by a power
-of two to at most one, for each pair of query and piece: bounds of a cell are relative to how far away its piece is.
+Rounding. Surfaces far from the origin are moved there along axes where that is exact; queries are moved with them, and
+the rounding of that is taken from the bounds. The control points are taken relative to the query, which rounds each
+coordinate once, and scaled by a power of two to at most one, for each pair of query and piece: bounds of a cell are
+relative to how far away its piece is.
 """
 
 from functools import cached_property
@@ -27,6 +29,7 @@ from jhd._distance.cells.linear_proxies import beside_net, of_points
 from jhd._distance.cells.pairs import Cell, bound, nearest_in
 from jhd._distance.cells.squared_distance_bounds import distances_by_squares
 from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
+from jhd._distance.normalization.coordinates import exact_middle, extremes, frame_of, moved_by
 from jhd._distance.normalization.curves import padded_count
 from jhd._distance.normalization.net_jets import Net, jet, point_error
 from jhd._distance.search.patch_boxes import PatchBoxes, PieceParts, SettledParts
@@ -75,16 +78,23 @@ class _Feet(NamedTuple):
 
 
 class NetTarget(AbstractTarget):
-    """A parametric surface, or a curve in space, its coordinates divided by 2^exponent, which leaves at most one."""
+    """A parametric surface, or a curve in space, about the origin, divided by 2^exponent, which leaves at most one."""
 
     block = 1024
     sharp = False
 
     def __init__(self, net: Net):
-        points: Any = np.asarray(net.points)
+        given: Any = np.asarray(net.points)
         weights: Any = net.weights
-        self.exponent = int(common_exponent(points))
-        points = np.ldexp(points, -self.exponent)
+        frame = frame_of([extremes(given)], center=exact_middle)
+        # Along axes where moving would round it is zero.
+        self._is_moved = bool(np.any(frame.center))
+        # Twice the unit about the middle: that of a surface with a corner at the origin.
+        self.exponent = int(frame.first + frame.second) + self._is_moved
+        points, self._center = (
+            np.ldexp(x, int(frame.first) - self.exponent)
+            for x in (np.ldexp(given, -int(frame.first)) - frame.center, frame.center)
+        )
         if weights is not None:
             weights = unit_weights(np.asarray(weights), (1, 2))
         self.count = len(points)
@@ -98,7 +108,9 @@ class NetTarget(AbstractTarget):
         found = starts_among(samples.reshape(self.count, *[_SAMPLES] * self.net.parameters, 3))
         self._samples = SampledStarts(samples.reshape(-1, 3)[found.rows])
         self._rows, self._beside = found
-        self._off = float(np.ldexp(point_error(self.net), self.exponent))
+        # Feet are rounded once where they are moved back.
+        back = np.sqrt(3) * gamma(2, points.dtype) * float(np.max(np.abs(given))) if self._is_moved else 0.0
+        self._off = float(np.ldexp(point_error(self.net), self.exponent)) + back
 
     @cached_property
     def _boxes(self) -> PatchBoxes:
@@ -112,13 +124,14 @@ class NetTarget(AbstractTarget):
     @override
     def feet(self, points: np.ndarray) -> np.ndarray:
         scaled, shift = self._scaled(points)
-        return outward(self._near(scaled, shift).upper, self.exponent + shift, points.dtype, 1)
+        upper = self._near(scaled, shift).upper + self._moved_by(scaled)
+        return outward(upper, self.exponent + shift, points.dtype, 1)
 
     @override
     def near(self, points: np.ndarray) -> ProvenFeet:
         scaled, shift = self._scaled(points)
         feet = self._near(scaled, shift)
-        return self._placed(feet, shift, np.zeros(len(points)), np.zeros(len(points), bool), points.dtype)
+        return self._placed(feet, shift, np.zeros(len(points)), np.zeros(len(points), bool), scaled)
 
     @override
     def error(self, found: ProvenFeet) -> np.ndarray:
@@ -129,10 +142,14 @@ class NetTarget(AbstractTarget):
     @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
         """Parts of the pieces, and the feet themselves."""
-        scale = -self.exponent
-        scaled = feet.map(lambda x: np.ldexp(x, scale) if x is feet.point or x is feet.error else x)
-        found = in_blocks(_beside, self._padded, *scaled, np.ldexp(corners, scale))
-        return Flats(*(np.ldexp(x, self.exponent) for x in found))
+        scale, center = -self.exponent, self._center
+        scaled = feet._replace(point=np.ldexp(feet.point, scale) - center, error=np.ldexp(feet.error, scale))
+        found = in_blocks(_beside, self._padded, *scaled, np.ldexp(corners, scale) - center)
+        origin, first, second, sag = (np.ldexp(x, self.exponent) for x in (found.origin + center, *found[1:]))
+        if self._is_moved:
+            # Feet were rounded where they were moved, and all origins are where they are moved back.
+            sag = sag + 4 * gamma(4, sag.dtype) * np.max(np.abs(origin), axis=-1)
+        return Flats(origin, first, second, sag)
 
     @override
     def parameters(self, t: np.ndarray) -> np.ndarray:
@@ -145,21 +162,21 @@ class NetTarget(AbstractTarget):
         scaled, shift = self._scaled(points)
         unit = self.exponent + shift
         with np.errstate(over="ignore"):
-            least = np.ldexp(np.broadcast_to(enough, len(points)), -unit)
+            least = np.ldexp(np.broadcast_to(enough, len(points)), -unit) - self._moved_by(scaled)
             close = float(np.ldexp(close, -unit))
         feet, lower, closed = self._searched(scaled, shift, least, close)
-        return self._placed(feet, shift, lower, closed, points.dtype)
+        return self._placed(feet, shift, lower, closed, scaled)
 
-    def _placed(self, feet: _Feet, shift: int, lower: np.ndarray, closed: np.ndarray, dtype: Any) -> ProvenFeet:
-        """The feet in the user's coordinates."""
-        unit = self.exponent + shift
+    def _placed(self, feet: _Feet, shift: int, lower: np.ndarray, closed: np.ndarray, scaled: np.ndarray) -> ProvenFeet:
+        """The feet of scaled queries in the user's coordinates."""
+        unit, off, dtype = self.exponent + shift, self._moved_by(scaled), scaled.dtype
         x = feet.x if feet.x.shape[1] == 2 else np.concatenate([feet.x, np.zeros_like(feet.x)], axis=1)
-        low, high = outward(lower, unit, dtype, -1), outward(feet.upper, unit, dtype, 1)
+        low, high = outward(lower - off, unit, dtype, -1), outward(feet.upper + off, unit, dtype, 1)
         return ProvenFeet(
             distance=np.clip(np.ldexp(feet.distance, unit), low, high),
             lower=low,
             upper=high,
-            foot=np.ldexp(feet.point, unit),
+            foot=np.ldexp(feet.point + np.ldexp(self._center, -shift), unit),
             segment=feet.piece,
             t=x,
             closed=closed,
@@ -172,13 +189,16 @@ class NetTarget(AbstractTarget):
         with np.errstate(over="ignore"):
             far = float(np.ldexp(upper, -(self.exponent + shift))) * room + gamma(64, points.dtype)
         found = np.zeros(len(points), bool)
-        found[self._boxes.near(scaled, np.full(len(points), far), shift).who] = True
+        found[self._boxes.near(scaled, far + self._moved_by(scaled), shift).who] = True
         return found
 
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, int]:
         """The queries in the unit of the surface, or in a larger one by a power of two where they would overflow."""
         shift = max(0, int(common_exponent(points)) - self.exponent - _FAR[points.dtype.itemsize])
-        return np.ldexp(points, -(self.exponent + shift)), shift
+        return np.ldexp(points, -(self.exponent + shift)) - np.ldexp(self._center, -shift), shift
+
+    def _moved_by(self, scaled: np.ndarray) -> np.ndarray:
+        return moved_by(scaled) if self._is_moved else np.zeros(len(scaled))
 
     def _shrunk(self, shift: int) -> Net:
         return self._padded if shift == 0 else self._padded._replace(points=np.ldexp(self._padded.points, -shift))

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array
 from typing_extensions import override
 
-from jhd._arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
+from jhd._arithmetic.rounding import gamma, round_up, unit_roundoff
 from jhd._distance.cells.linear_proxies import beside_surface, of_points
 from jhd._distance.cells.pairs import Cell
 from jhd._distance.cells.tracked_feet import moving_bound
@@ -20,7 +20,7 @@ from jhd._distance.cells.tracked_feet_surfaces import narrowed
 from jhd._distance.nearest.surface_points import local_feet, proven_radius, reach, with_singular_radius
 from jhd._distance.nearest.surfaces import CAPACITY, halved, nearest, nearest_places, proven_distances
 from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
-from jhd._distance.normalization.coordinates import Frame, common_points
+from jhd._distance.normalization.coordinates import Frame, common_points, moved_by
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.surfaces import Side, prepare_surfaces
 from jhd._distance.search.candidates import Target
@@ -84,7 +84,7 @@ class SurfaceTarget(AbstractTarget):
         """Infinite where no point of the surface is proven."""
         x, far = self._scaled(points)
         upper = in_blocks(_feet, self.target, x)[0].astype(np.float64)
-        upper = outward(upper + _moved(x), self.exponent, points.dtype, 1)
+        upper = outward(upper + moved_by(x), self.exponent, points.dtype, 1)
         return np.where(far, self._from_afar(points)[1], upper)
 
     @override
@@ -92,7 +92,7 @@ class SurfaceTarget(AbstractTarget):
         x, far = self._scaled(points)
         upper, foot = in_blocks(_feet, self.target, x)
         distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
-        upper = outward(upper.astype(np.float64) + _moved(x), self.exponent, points.dtype, 1)
+        upper = outward(upper.astype(np.float64) + moved_by(x), self.exponent, points.dtype, 1)
         known = np.isfinite(upper) & ~far
         nothing = np.zeros_like(upper)
         return ProvenFeet(
@@ -134,14 +134,14 @@ class SurfaceTarget(AbstractTarget):
         least, apart = np.ldexp(enough, -self.exponent), float(np.ldexp(close, -self.exponent))
         leasts, most = np.broadcast_to(least, len(x)), np.full(len(x), _MANY if hasty else CAPACITY)
         lower, upper, foot = in_blocks(_nearest, self.target, x, leasts.astype(x.dtype), most)
-        lower, upper = lower.astype(np.float64) - _moved(x), upper.astype(np.float64) + _moved(x)
+        lower, upper = lower.astype(np.float64) - moved_by(x), upper.astype(np.float64) + moved_by(x)
         distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
         u = unit_roundoff(x.dtype)
         share = 4 * max(_CLOSE, _ULPS * u)
         allowed = np.maximum(share * (1 + np.where(np.isfinite(upper), upper, 0.0)), apart)
         open_ = (upper - lower > allowed) & (upper > leasts) & np.isfinite(upper) & ~far
         if hasty and len(x) == 1 and open_[0]:
-            found = self._by_graphs(x[0], upper[0], 0.5 * allowed[0]) - _moved(x)[0]
+            found = self._by_graphs(x[0], upper[0], 0.5 * allowed[0]) - moved_by(x)[0]
             lower[0] = max(lower[0], min(found, upper[0]))
         closed = (upper - lower <= allowed) | (upper <= least)
         low, high = (outward(end, self.exponent, points.dtype, sign) for end, sign in ((lower, -1), (upper, 1)))
@@ -238,11 +238,6 @@ class SurfaceTarget(AbstractTarget):
         with np.errstate(over="ignore"):
             upper = upper + np.ldexp(float(self._radius), self.exponent - power)
         return outward(lower, power, dtype, -1), outward(upper, power, dtype, 1)
-
-
-def _moved(x: np.ndarray) -> np.ndarray:
-    """Bound on what writing queries in common coordinates moves them by."""
-    return gamma(4, x.dtype) * np.sqrt(3) * np.max(np.abs(x), axis=1).astype(np.float64) + 64 * smallest_normal(x.dtype)
 
 
 def _mended(target: Target, point: Array, place: Array) -> tuple[Array, Array]:

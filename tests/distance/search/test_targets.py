@@ -20,9 +20,9 @@ BUMPY = GRID + 0.4 * RNG.normal(size=GRID.shape)
 SPHERE = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
 
 
-def from_square(point, scale):
-    """The squared distance to the square times a power of two, exactly."""
-    p = [Fraction(float(x)) for x in point]
+def from_square(point, scale, away=0.0):
+    """The squared distance to the square times a power of two, moved along all axes, exactly."""
+    p = [Fraction(float(x)) - Fraction(float(away)) for x in point]
     side = 3 * Fraction(float(scale))
     return sum((x - min(max(x, 0), side)) ** 2 for x in p[:2]) + p[2] ** 2
 
@@ -36,18 +36,66 @@ def encloses(found, squares):
     )
 
 
-@pytest.mark.parametrize(("patch", "query"), [(0, 0), (-990, -990), (1000, 1000), (0, 900), (-900, 900), (0, -600)])
-def test_distances_to_a_square_are_enclosed_at_every_scale(patch, query):
+# The last number says how far the square and the queries are from the origin, in its scale.
+@pytest.mark.parametrize(
+    ("patch", "query", "away"),
+    [(0, 0, 0), (-990, -990, 0), (1000, 1000, 0), (0, 900, 0), (-900, 900, 0), (0, -600, 0)]
+    + [(0, 0, 1e5), (0, 0, -1e8), (-100, -100, 1e8), (100, 100, 1e15), (0, 60, 1e8), (0, -600, 1e8), (-900, 900, 1e5)],
+)
+def test_distances_to_a_square_are_enclosed_at_every_scale_and_place(patch, query, away):
     s, q = 2.0**patch, 2.0**query
     special = [[0, 0, 0], [1, 2, 0], [3, 3, 1], [1, 1, 1e-9], [4, 4, 4]]
-    points = np.concatenate([RNG.normal(size=(4, 3)) * 3, special]) * q
-    found = jhd.project(points, jhd.BezierPatch(GRID * s))
-    squares = [from_square(p, s) for p in points]
+    points = np.concatenate([RNG.normal(size=(4, 3)) * 3, special]) * q + away * s
+    found = jhd.project(points, jhd.BezierPatch((GRID + away) * s))
+    squares = [from_square(p, s, away * s) for p in points]
     assert encloses(found, squares)
     exact = np.array([float(x / Fraction(q) ** 2) ** 0.5 for x in squares]) * q
+    assert ends_of(found) == {"successful"}
     room = 1e-12 * (exact + 3 * s) + 4 * np.finfo(float).tiny
     assert np.all(np.asarray(found.upper) - exact <= room)
     assert np.all(exact - np.asarray(found.lower) <= room)
+
+
+def ends_of(found):
+    """The names of how each query ended."""
+    return {name_of(jax.tree_util.tree_map(lambda x, k=k: x[k], found.result)) for k in range(len(found.lower))}
+
+
+# Rounded to so few digits that they and their sums with the places below are exact.
+NET, WEIGHTS = np.round(BUMPY * 2**20) / 2**20, np.random.default_rng(22).uniform(0.5, 2.0, GRID.shape[:2])
+
+
+def ellipsoid(away):
+    x, y, z = (f"({v} - {away:.0f})" for v in "xyz")
+    return jhd.ImplicitSurface.parse(f"{x}**2 + {y}**2 + 2*{z}**2 - 4", [away - 3] * 3, [away + 3] * 3)
+
+
+FAR = {
+    "patch": lambda away: jhd.BezierPatch(NET + away),
+    "rational": lambda away: jhd.BezierPatch(NET + away, WEIGHTS),
+    "spline": lambda away: jhd.BSplineSurface.clamped(NET + away, (2, 2), WEIGHTS),
+    "implicit": ellipsoid,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("away", [1e5, 2.0**26])
+@pytest.mark.parametrize("name", FAR)
+def test_far_from_the_origin_bounds_are_as_close_as_about_it(name, away):
+    points = np.round(np.random.default_rng(21).normal(size=(50, 3)) * 3 * 2**20) / 2**20
+    surface = FAR[name](away)
+    if name == "implicit":
+        moved = ellipsoid(0.0)
+    else:
+        patches = surface.patches()
+        moved = jhd.BezierPatches(np.asarray(patches.control_points) - away, patches.weights)
+    here, there = jhd.project(points, moved, throw=False), jhd.project(points + away, surface)
+    assert ends_of(there) == {"successful"}
+    assert np.all((here.lower <= there.upper) & (there.lower <= here.upper))
+    assert np.all(there.upper - there.lower <= 1e-12 * (there.upper + 3))
+    # Feet are as good as coordinates there.
+    far = np.abs(np.linalg.norm(np.asarray(there.foot) - points - away, axis=1) - np.asarray(there.distance))
+    assert np.all(far <= 4 * np.finfo(float).eps * away)
 
 
 @pytest.mark.slow
