@@ -18,7 +18,7 @@ from jhd._distance.cells.pairs import Cell
 from jhd._distance.cells.tracked_feet import moving_bound
 from jhd._distance.cells.tracked_feet_surfaces import narrowed
 from jhd._distance.nearest.surface_points import local_feet, proven_radius, reach, with_singular_radius
-from jhd._distance.nearest.surfaces import CAPACITY, halved, nearest, nearest_places, proven_distances
+from jhd._distance.nearest.surfaces import CAPACITY, NearestOnSurface, halved, nearest, nearest_places, proven_distances
 from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
 from jhd._distance.normalization.coordinates import Frame, common_points, moved_by
 from jhd._distance.normalization.net_jets import Net
@@ -107,13 +107,25 @@ class SurfaceTarget(AbstractTarget):
 
     @override
     def error(self, found: ProvenFeet) -> np.ndarray:
-        u = unit_roundoff(found.distance.dtype)
+        """Within which the surface has a point of each foot.
+
+        In the common unit let r <= 1 be the length within which the surface is proven to have a point of a foot, R the
+        `reach` of the foot from the query, and F >= R + r the proven distance by it. A foot is taken if
+        F <= upper + 8 u (1 + F), and the distance d to it, computed in six roundings, is at most R (1 + 6 u). So
+
+            r <= F - R <= upper - d + 8 u (1 + F) + 6 u d,  F <= (d + r) (1 + 32 u),
+
+        also where d is cut off at `upper`. Placing the foot rounds each coordinate once, relative to the largest one of
+        the box, M. With the roundings of this sum it is below upper - d + 20 u (d + 1 + M). Where the box counts as one
+        place, 32 u d alone is longer than r.
+        """
+        info, u = np.finfo(found.distance.dtype), unit_roundoff(found.distance.dtype)
         known = np.isfinite(found.upper) & np.isfinite(found.distance)
-        left = np.where(known, found.upper, 0.0) - np.where(known, found.distance, 0.0)
-        size = np.abs(np.asarray(self.frame.place(self.target.side.upper - self.target.side.lower))).max()
-        # A foot is taken that is farther than `upper` by rounding alone, twice 8 u.
-        slack = 32 * u * (np.where(known, found.distance, 0.0) + size)
-        return np.where(known, np.maximum(left, 0.0) + slack, np.inf)
+        upper, distance = (np.where(known, x, 0.0) for x in (found.upper, found.distance))
+        corners = np.asarray(self.frame.place(np.stack([self.target.side.lower, self.target.side.upper])))
+        size = np.ldexp(1.0, self.exponent) + np.max(np.abs(corners))
+        slack = 32 * u * (distance + size) + 4 * info.smallest_subnormal
+        return np.where(known, np.maximum(upper - distance, 0.0) + slack, np.inf)
 
     @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
@@ -143,6 +155,8 @@ class SurfaceTarget(AbstractTarget):
         if hasty and len(x) == 1 and open_[0]:
             found = self._by_graphs(x[0], upper[0], 0.5 * allowed[0]) - moved_by(x)[0]
             lower[0] = max(lower[0], min(found, upper[0]))
+        # The distance stays that of the foot: `error` says by it how near the surface is to the foot.
+        lower = np.minimum(lower, distance)
         closed = (upper - lower <= allowed) | (upper <= least)
         low, high = (outward(end, self.exponent, points.dtype, sign) for end, sign in ((lower, -1), (upper, 1)))
         places = np.asarray(self.frame.place(foot))
@@ -240,15 +254,15 @@ class SurfaceTarget(AbstractTarget):
         return outward(lower, power, dtype, -1), outward(upper, power, dtype, 1)
 
 
-def _mended(target: Target, point: Array, place: Array) -> tuple[Array, Array]:
-    """A foot after some more Newton steps, with the proven distance, which is that of the place where it is less.
+def _mended(target: Target, point: Array, known: NearestOnSurface) -> tuple[Array, Array]:
+    """A foot after some more Newton steps, with the proven distance, which is the known one where that is less.
 
     Of two as near but for rounding the mended one is the foot: the distance hardly changes where the foot does.
     """
-    found = local_feet(target.side, point[:, None], place[:, None], _FOOT_STEPS)
-    mended, there = proven_distances(target.side, point, jnp.concatenate([found, place[:, None]], axis=1))
-    room = 8 * unit_roundoff(point.dtype) * (1 + there)
-    return jnp.minimum(mended, there), jnp.where(mended <= there + room, found[:, 0], place)
+    found = local_feet(target.side, point[:, None], known.foot[:, None], _FOOT_STEPS)
+    mended, upper = proven_distances(target.side, point, found)[0], known.upper
+    room = 8 * unit_roundoff(point.dtype) * (1 + upper)
+    return jnp.minimum(mended, upper), jnp.where(mended <= upper + room, found[:, 0], known.foot)
 
 
 @compiled
@@ -288,8 +302,7 @@ def _nearest(target: Target, count: Array, points: Array, least: Array, most: Ar
         starts = nearest_places(target.cloud, point, _STARTS)
         found = nearest(target.side, target.cover, point, starts, least, close, most=most)
         # Distances are as good as they get where feet are off by the root of that; some steps mend it.
-        upper, foot = _mended(target, point, found.foot)
-        return found.lower, jnp.minimum(upper, found.upper), foot
+        return found.lower, *_mended(target, point, found)
 
     return each(one, count, (points, least, most), 1)
 

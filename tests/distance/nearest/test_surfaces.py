@@ -65,12 +65,31 @@ def test_a_foot_is_proven_to_be_the_nearest_before_cells_are_small():
     assert int(np.max(steps(places(8)[:8] / scale))) <= 10
 
 
-@pytest.mark.slow
-def test_bounds_at_a_cuspidal_edge_are_as_near_as_signs_tell():
-    # The edge of z^2 = x^3 is the y-axis: no gradient leads there, and signs beside it are rounding up to about 1e-5.
+def cusp():
+    """The surface z^2 = x^3, of which the y-axis is an edge."""
     coefficients = np.zeros((4, 1, 3))
     coefficients[3, 0, 0], coefficients[0, 0, 2] = -1, 1
-    surface = ImplicitSurface(coefficients, (-2, -2, -2), (2, 2, 2))
+    return ImplicitSurface(coefficients, (-2, -2, -2), (2, 2, 2))
+
+
+@pytest.mark.slow
+def test_the_surface_is_as_near_to_feet_as_they_say():
+    # Beside the edge the foot that is taken need not be the place by which the distance is proven.
+    target, heights = SurfaceTarget(cusp()), np.random.default_rng(1).normal(size=60) * 1e-3
+    queries = np.stack([0 * heights, 0 * heights, heights], axis=1)
+    for found in (target.nearest(queries), target.near(queries)):
+        foot, root = found.foot, np.cbrt(found.foot[:, 2])
+        # Of points (t^2, t^3) of the curve one is as near as this.
+        roots = root, np.sign(root) * np.sqrt(np.abs(foot[:, 0])), 0 * root
+        away = np.min([np.hypot(t**2 - foot[:, 0], t**3 - foot[:, 2]) for t in roots], axis=0)
+        assert np.all(away <= target.error(found))
+        assert np.all((found.lower <= found.distance) & (found.distance <= found.upper))
+
+
+@pytest.mark.slow
+def test_bounds_at_a_cuspidal_edge_are_as_near_as_signs_tell():
+    # No gradient leads to the edge, and signs beside it are rounding up to about 1e-5.
+    surface = cusp()
     found = jhd.project([(-1, 0.2, 0.3), (-0.5, 0.1, -0.7)], surface, throw=False)
     exact = np.hypot([1, 0.5], [0.3, 0.7])
     assert np.all(found.lower <= exact) and np.all(exact <= found.upper) and np.all(found.upper < found.lower + 1e-4)
