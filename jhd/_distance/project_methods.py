@@ -129,10 +129,10 @@ class ProjectedPolyhedronProjection(AbstractProjectionMethod):
     The projected-polyhedron solver finds the stationary parameters of every segment, so BestFirstProjection is faster
     for curves of many segments.
 
-    Source: Patrikalakis & Maekawa, Shape Interrogation (2002), chapter 4.
-
     Args:
         capacity: number of boxes that the solver can hold for one segment.
+
+    Source: Patrikalakis & Maekawa, Shape Interrogation (2002), chapter 4.
     """
 
     capacity: int = eqx.field(static=True, default=32)
@@ -151,12 +151,12 @@ class IntervalHalvingProjection(AbstractProjectionMethod):
 
     Change to the source: it stops on the interval. The source stops on the differences of the three distances.
 
-    Source: Shortest distance from a point to a Bezier curve.
-
     Args:
         interval: initial interval of the parameter.
         tolerance: interval of the parameter at which it stops.
         max_steps: largest number of steps.
+
+    Source: Shortest distance from a point to a Bezier curve.
     """
 
     interval: float = eqx.field(static=True, default=0.1)
@@ -178,11 +178,11 @@ class NewtonProjection(AbstractProjectionMethod):
 
     Changes to the source: parameters stay in [0, 1], and it stops on the step. The source names no criterion.
 
-    Source: Shortest distance from a point to a Bezier curve.
-
     Args:
         tolerance: step of the parameter at which it stops.
         max_steps: largest number of steps.
+
+    Source: Shortest distance from a point to a Bezier curve.
     """
 
     tolerance: float = eqx.field(static=True, default=1e-14)
@@ -202,13 +202,13 @@ class HybridProjection(AbstractProjectionMethod):
 
     The source suggests it without numbers; the intervals and the criterion are ours.
 
-    Source: Shortest distance from a point to a Bezier curve.
-
     Args:
         interval: initial interval of the halving.
         rough: interval at which Newton's method takes over.
         tolerance: Newton step at which it stops.
         max_steps: largest number of steps of each method.
+
+    Source: Shortest distance from a point to a Bezier curve.
     """
 
     interval: float = eqx.field(static=True, default=0.1)

@@ -26,7 +26,7 @@ _SHARE = 1e-12
 
 
 def arc_length(curve: Any, *, rtol: Numbers = 1e-6, atol: Numbers | None = None, max_cells: int = 1 << 18) -> Bounds:
-    """The length of a curve with certified bounds; parts that are run through twice count twice.
+    """The length of a curve with certified bounds; parts that are traversed twice count twice.
 
     >>> import jhd
     >>> found = jhd.arc_length(jhd.circle((0, 0), 1.0))

@@ -305,7 +305,7 @@ class AdaptiveDistanceField(eqx.Module):
         return float(np.nextafter(bound + deviation, np.inf) if deviation else bound)
 
     def save(self, path: str | Path) -> None:
-        """Writes the field to an .npz file with exactly this name. An interrupted call leaves no partial file.
+        """Write the field to an .npz file with exactly this name. An interrupted call leaves no partial file.
 
         Args:
             path: name of the file.
@@ -318,7 +318,7 @@ class AdaptiveDistanceField(eqx.Module):
 
     @classmethod
     def load(cls, path: str | Path) -> "AdaptiveDistanceField":
-        """Reads a field that `save` wrote, in the default precision.
+        """Read a field that `save` wrote, in the default precision.
 
         Args:
             path: name of the file.

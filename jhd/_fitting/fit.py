@@ -180,7 +180,7 @@ def fit_curve(
     method: AbstractHausdorffMethod | None = None,
     progress: Callback | None = None,
 ) -> FitSolution:
-    """Fit of polynomial Bézier segments to a connected curve, by the Hausdorff distance or a statistic.
+    """Fit of polynomial Bezier segments to a connected curve, by the Hausdorff distance or a statistic.
 
     The start is a least-squares fit to points of the target. A fit with free ends starts from the fit with fixed ends,
     so its error is never larger. The result is a local minimum.

@@ -26,7 +26,7 @@ from jhd._shapes.deviation import HostArcs, HostCurve, complex_points
 
 
 class BiarcCurve(eqx.Module):
-    """Circular arcs and lines that approximate a plane curve, in its order; made by `biarcs`.
+    """Circular arcs and lines that approximate a plane curve, in the order of the curve; made by `biarcs`.
 
     Args:
         start: (arcs, 2) start points, in the unit of the coordinates.

@@ -83,7 +83,7 @@ class Certificate:
         return f"Certificate({lower_text(self.lower)} <= {name} <= {upper_text(self.upper)}, {self.cells} cells)"
 
     def verify(self, max_seconds: float | None = None, progress: Callback | None = None) -> Proven:
-        """Checks the whole proof in exact arithmetic, without any result of the search.
+        """Check the whole proof in exact arithmetic, without any result of the search.
 
         Args:
             max_seconds: time limit in seconds; by default none.
@@ -116,7 +116,7 @@ class Certificate:
         return "".join(lines_of(self.content))
 
     def save(self, file: str | Path) -> None:
-        """Writes the certificate to a file, completely or not at all; compressed if the name ends in .gz.
+        """Write the certificate to a file, completely or not at all; compressed if the name ends in .gz.
 
         Args:
             file: the path of the file, which is replaced if it exists.
@@ -126,7 +126,7 @@ class Certificate:
 
 
 def verify(content: Any, max_seconds: float | None = None, progress: Callback | None = None) -> Proven:
-    """Checks a certificate completely in exact arithmetic, and returns the bounds that it proves.
+    """Check a certificate completely in exact arithmetic, and return the bounds that it proves.
 
     >>> import jhd
     >>> a, b = jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 0)])

@@ -241,7 +241,7 @@ class _Directed(NamedTuple):
 
 
 class MaxDistance(AbstractStatistic):
-    """The largest distance, as `hausdorff` or `directed_hausdorff`. It accepts no weights.
+    """The largest distance as a statistic: `hausdorff`, or `directed_hausdorff` if `directed`. It accepts no weights.
 
     Args:
         directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
