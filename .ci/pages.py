@@ -5,7 +5,7 @@ import re
 import sys
 from pathlib import Path
 
-MODULES = "jhd", "jhd.arithmetic", "jhd.io", "jhd.plot", "jhd.progress", "jhd.published"
+MODULES = "jhd", "jhd.arithmetic", "jhd.io", "jhd.plot", "jhd.progress", "jhd.published", "jhd.typing"
 folder = Path(sys.argv[1])
 pages = {file: file.read_text(encoding="utf-8") for file in folder.rglob("*.html")}
 wanted = {folder / "index.html", *(folder / f"{name.replace('.', '/')}.html" for name in MODULES)}

@@ -142,7 +142,8 @@ def _ends(solution: Any) -> tuple[float, float]:
 
 def _checked(made: Made, others: list[Made], folder: Path, random: np.random.Generator, count: int) -> dict[str, Any]:
     """The check of a certificate by the program, and of its forgeries."""
-    content, file = made.certificate.content, folder / "proof.json"
+    content: dict[str, Any] = dict(made.certificate.content)
+    file = folder / "proof.json"
     made.certificate.save(file)
     spent, status = _by_program(file)
     start = time.process_time()

@@ -83,7 +83,7 @@ import jax as _jax
 if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "off"):
     _jax.config.update("jax_enable_x64", True)
 
-from jhd import arithmetic, plot, progress, published  # noqa: E402
+from jhd import arithmetic, plot, progress, published, typing  # noqa: E402
 from jhd._distance import (  # noqa: E402
     BestFirstProjection,
     BranchAndBound,
@@ -271,6 +271,7 @@ __all__ = [
     "stack_curves",
     "stationary_points",
     "surface_area",
+    "typing",
     "verify",
     "voxelize",
 ]

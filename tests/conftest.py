@@ -93,9 +93,19 @@ _LONGEST = (
 )
 
 
+# What users pass as numbers and shapes is refused by the package itself, with messages of its own.
+_PASSED = {
+    "jhd._shapes.checks": ("Numbers",),
+    "jhd._shapes.as_shape": ("ShapeLike",),
+    "jhd._shapes.foreign": ("HasCoords", "HasVertices", "SciPySpline", "ShapelyGeometry", "SymPyPolynomial"),
+}
+
+
 def checked(function):
     """The function or class with its annotations checked at every call."""
-    return beartype.beartype(conf=beartype.BeartypeConf(hint_overrides=_FROZEN(_WIDER)))(function)
+    known = [(sys.modules.get(module), name) for module, names in _PASSED.items() for name in names]
+    passed = {vars(module)[name]: object for module, name in known if module and name in vars(module)}
+    return beartype.beartype(conf=beartype.BeartypeConf(hint_overrides=_FROZEN(_WIDER | passed)))(function)
 
 
 def pytest_configure(config):

@@ -129,7 +129,7 @@ def test_a_degree_handed_to_a_spline_of_knots_says_what_takes_it():
 def test_lists_of_shapes_and_transposed_points_are_told_what_to_do():
     line = jhd.polyline([(0, 0), (1, 0)])
     with pytest.raises(TypeError, match=r"a: a list of 2 shapes is not one shape; use jhd.pairwise.* jhd.stack_curves"):
-        jhd.hausdorff([line, line], line)
+        jhd.hausdorff([line, line], line)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match=r"shape is \(2, 4\); points are rows"):
         jhd.BezierCurve(np.zeros((2, 4)))
     with pytest.raises(ValueError, match=r"\(3, 9\).*Points are rows"):

@@ -238,6 +238,7 @@ def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(statistic)
         about, np.array([2.5, 1.3, 1.5]), jhd.point_set(POINTS), statistic=statistic, max_steps=40
     )
     np.testing.assert_allclose(fit.parameters, [3, 1, 2], atol=0.02)
+    assert fit.statistic is not None
     assert float(fit.statistic.lower) <= float(fit) <= float(fit.statistic.upper)
     assert fit.history[-1] == pytest.approx(float(fit), rel=1e-9) and np.all(np.diff(fit.history) <= 0)
     # The farthest outlier stays where it is.

@@ -20,6 +20,7 @@ ORDER = """
     _fields
     _distance.normalization _distance.nearest _distance.cells _distance.witness _distance.search
         _distance.published.events _distance.published _distance.certificate _distance _distance.statistics published
+        typing
     _fitting | _plot plot | _io io
     _cli.lengths _cli.report _cli.console _cli __main__ _cli.helping
 """
@@ -164,7 +165,9 @@ def test_only_heavy_packages_are_imported_inside_functions():
 def test_heavy_packages_that_are_optional_are_never_imported_with_a_module():
     optional = {"trimesh", "skimage", "svgelements", "sympy", "shapely"}
     for path in MODULES:
-        inside = set(map(id, function_nodes(path)))
+        # What only type checkers read is not imported either.
+        checked = [n for n in nodes_of(path) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
+        inside = {id(node) for node in [*function_nodes(path), *(x for n in checked for x in ast.walk(n))]}
         outer = [node for node in nodes_of(path) if id(node) not in inside]
         found = {name.split(".")[0] for node in outer for name in imported(node)} & optional
         assert not found, f"{by_name(path)} imports {found}"

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -93,7 +94,7 @@ def test_json_on_standard_output_is_a_saved_result(run):
     _, out, err = run("hausdorff", BASE, DIAGONAL, "--json")
     assert err == ""
     Path("result.json").write_text(out)
-    content = load_result("result.json")
+    content: Any = load_result("result.json")
     assert content["type"] == "HausdorffSolution"
     assert content["solution"]["witness"]["direction"] == "b_to_a"
     assert (content["context"]["a"], content["context"]["precision"]) == (BASE, "float64")
@@ -251,7 +252,7 @@ def test_results_are_written_to_files(run):
     for command in (("hausdorff", DIAGONAL), ("minimum", DIAGONAL), ("hausdorff", DIAGONAL, "--threshold", 3.5)):
         tolerances = "--rtol", "1e-3", "--atol", "0.1%"
         status, out, _ = run(command[0], BASE, *command[1:], *tolerances, "-o", "result.json")
-        stored = load_result("result.json")["context"]
+        stored: Any = load_result("result.json")["context"]
         assert status == 0 and out.endswith(f"result     {Path('result.json').resolve()}\n")
         assert (stored["a"], stored["rtol"], stored["atol"]) == (BASE, 1e-3, 0.005)
     assert run("project", BASE, "1", "-2", "-o", "foot.csv")[:2] == (0, f"result     {Path('foot.csv').resolve()}\n")

@@ -126,7 +126,8 @@ def test_results_are_written_as_tables_and_as_json(run, tmp_path):
             assert float(known["lower"]) <= distance <= float(known["upper"]) and set(row[-3:-1]) <= set(places)
         printed = run(*command, "--out", "a.json", "--json")[1]
         assert (tmp_path / "a.json").read_text() == printed
-        assert jhd.io.load_result(tmp_path / "a.json")["context"]["names"] == places
+        content: Any = jhd.io.load_result(tmp_path / "a.json")
+        assert content["context"]["names"] == places
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The command line on meshes: distances, projections and fields."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_the_distance_of_meshes_is_printed_with_triangle_and_barycentric_coordin
 def test_json_of_a_mesh_distance_is_a_saved_result(run, tmp_path):
     status, out, _ = run("hausdorff", "a.ply", "b.obj", "--json")
     (tmp_path / "r.json").write_text(out)
-    solution = load_result("r.json")["solution"]
+    solution: Any = load_result("r.json")["solution"]
     assert status == 0 and abs(solution["value"] - 0.25) <= ROUNDING
     assert len(solution["witness"]["t"]) == 3
 

@@ -89,7 +89,7 @@ def test_the_axes_given_are_returned_with_legible_text_and_can_be_drawn(draw):
 
 def test_without_axes_a_figure_one_column_wide_is_made():
     for shape, name in ((ARCH, "rectilinear"), (SPACE, "3d")):
-        ax = plot.curve(shape)
+        ax: Any = plot.curve(shape)
         assert ax.name == name
         assert ax.figure.get_size_inches()[0] * 25.4 == pytest.approx(85)
         plt.close(ax.figure)
@@ -165,7 +165,7 @@ def test_the_distance_is_written_as_what_is_proven(lower, upper, text):
 
 
 def test_a_distance_of_zero_can_be_drawn():
-    ax = plot.witness(a_solution([1.0, 1.0], [[1.0, 1.0], [1.0, 1.0]], 0.0, 0.0), axes())
+    ax: Any = plot.witness(a_solution([1.0, 1.0], [[1.0, 1.0], [1.0, 1.0]], 0.0, 0.0), axes())
     ax.figure.draw_without_rendering()
     assert np.all(np.isfinite([*ax.get_xlim(), *ax.get_ylim()]))
 
@@ -177,7 +177,7 @@ def test_a_batch_is_refused():
 
 
 def test_both_curves_have_their_own_color_and_line_style():
-    ax = plot.solution(ARCH, BASE, TOP, axes(), labels=("arch", "base"))
+    ax: Any = plot.solution(ARCH, BASE, TOP, axes(), labels=("arch", "base"))
     first, second = [a for a in ax.get_children() if a.get_gid() == "curve"]
     assert first.get_color() != second.get_color()
     assert (first.get_linestyle(), second.get_linestyle()) == ("-", "--")
@@ -282,7 +282,7 @@ def test_parametric_surfaces_are_drawn_beside_polynomial_ones():
 
 
 def test_a_solution_of_two_surfaces_shows_both_and_the_witness():
-    ax = plot.solution(BALL, CONE, IN_SPACE, axes(3), labels=("ball", "cone"))
+    ax: Any = plot.solution(BALL, CONE, IN_SPACE, axes(3), labels=("ball", "cone"))
     np.testing.assert_array_equal(data(ax, "witness"), [IN_SPACE.witness.point])
     named = [text.get_text() for text in ax.get_legend().get_texts()]
     assert named == ["ball", "cone", "witness", "feet", "$d$ = 1"]
@@ -297,7 +297,7 @@ def some_voxels(places, proven):
 
 def test_cells_show_their_outer_faces_by_what_is_proven():
     pair = some_voxels([[0, 0, 0], [1, 0, 0], [3, 3, 3]], [True, False, False])
-    ax = plot.voxels(pair, axes(3))
+    ax: Any = plot.voxels(pair, axes(3))
     faces = artist(ax, "voxels")
     # Two cells side by side hide one face each.
     assert len(faces.get_facecolor()) == 5 + 5 + 6
@@ -357,7 +357,7 @@ def test_a_minimum_distance_shows_both_nearest_points_their_line_and_the_distanc
     length = np.linalg.norm(np.subtract(second, first))
     value, *points = (jnp.asarray(x) for x in (length, first, second))
     found = jhd.MinimumSolution(value, value, value, points[0], points[1], jhd.RESULTS.successful, {})
-    ax = plot.solution(a, b, found, axes(len(first)))
+    ax: Any = plot.solution(a, b, found, axes(len(first)))
     np.testing.assert_array_equal(data(ax, "witness"), [first])
     np.testing.assert_array_equal(data(ax, "feet"), [second])
     np.testing.assert_array_equal(data(ax, "joining_lines")[:2], [first, second])

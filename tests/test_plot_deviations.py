@@ -31,7 +31,7 @@ def by_gid(figure: Any, gid: str) -> list[Any]:
 
 @pytest.mark.slow
 def test_faces_have_the_color_of_their_distance_and_the_witness_is_in_front(square):
-    ax = jhd.plot.deviation(square, labels=("square", "plane"), unit="mm")
+    ax: Any = jhd.plot.deviation(square, labels=("square", "plane"), unit="mm")
     (faces,) = by_gid(ax.figure, "deviation")
     pieces = pieces_of(square.a)
     distance = (1 + 0.5 * pieces.corners[:, :, 0].mean(axis=1)) / np.sqrt(1.25)
@@ -59,7 +59,7 @@ def test_the_inset_shows_both_sections_at_the_right_distance(square):
 
 
 def test_the_histogram_holds_all_of_the_shape_and_marks_the_bounds(square):
-    ax = jhd.plot.histogram(square)
+    ax: Any = jhd.plot.histogram(square)
     bars = [artist for artist in ax.patches if artist.get_gid() == "histogram_bars"]
     assert sum(bar.get_height() for bar in bars) == pytest.approx(100)
     marks = {line.get_gid(): line.get_xdata()[0] for line in ax.lines}
@@ -67,7 +67,7 @@ def test_the_histogram_holds_all_of_the_shape_and_marks_the_bounds(square):
 
 
 def test_labels_of_a_whole_figure_do_not_run_into_each_other(square):
-    figure = jhd.plot.deviation(square, labels=("surface", "mesh"), unit="mm").figure
+    figure: Any = jhd.plot.deviation(square, labels=("surface", "mesh"), unit="mm").figure
     figure.canvas.draw()
     boxes = [
         text.get_window_extent().padded(-1)

@@ -89,7 +89,7 @@ KEYWORD_ONLY = {
     "minimize_hausdorff": ["temperature", "starts", "seed", "max_steps", "stop_below", "method", "progress"],
     "fit_curve": ["degree", "segments", "ends", "max_steps", "stop_below", "method"],
 }
-MODULES = [jhd, jhd._shapes, jhd._distance, jhd.io, jhd.published]
+MODULES = [jhd, jhd._shapes, jhd._distance, jhd.io, jhd.published, jhd.typing]
 
 
 def found(path):
@@ -169,4 +169,4 @@ def test_the_environment_keeps_float32():
 def test_every_public_name_is_listed():
     modules = {name for name, value in vars(jhd).items() if inspect.ismodule(value)}
     public = {name for name in vars(jhd) if not name.startswith("_")} - modules
-    assert sorted(jhd.__all__) == sorted(public | {"arithmetic", "io", "plot", "progress", "published"})
+    assert sorted(jhd.__all__) == sorted(public | {"arithmetic", "io", "plot", "progress", "published", "typing"})

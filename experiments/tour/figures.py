@@ -1,5 +1,7 @@
-# pyright: strict
+# pyright: strict, reportUnknownMemberType=false
 """Figures and files: font outlines, SVG path data, curve files, and pictures of distances."""
+
+from matplotlib import pyplot
 
 import jhd
 import jhd.io
@@ -12,8 +14,8 @@ c = jhd.io.load_shape("b.json")  # a file, "font:DejaVu Serif:g", or SVG path da
 solution = jhd.hausdorff(a, c)
 print(a, c, solution, sep="\n")
 
-axes = jhd.plot.solution(a, c, solution)
-axes.figure.savefig("a.png")
+jhd.plot.solution(a, c, solution)
+pyplot.savefig("a.png")
 
-axes = jhd.plot.distance_profile(a, c, solution=solution, unit="font units")
-axes.figure.savefig("profile.png")
+jhd.plot.distance_profile(a, c, solution=solution, unit="font units")
+pyplot.savefig("profile.png")

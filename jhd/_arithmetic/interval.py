@@ -27,6 +27,14 @@ from jhd._runtime.decimals import lower_text, upper_text
 Operand = Union["Interval", ArrayLike]
 
 
+def _lower(x: ArrayLike) -> Array:
+    return rounding.flush_down(_floats(x, "lower"))
+
+
+def _upper(x: ArrayLike) -> Array:
+    return rounding.flush_up(_floats(x, "upper"))
+
+
 class Interval(eqx.Module):
     """Intervals of real numbers, lower <= x <= upper elementwise, with outward rounding; empty if lower > upper.
 
@@ -43,8 +51,8 @@ class Interval(eqx.Module):
         upper: upper ends, of the same shape; rounded up accordingly.
     """
 
-    lower: Float[Array, "..."] = eqx.field(converter=lambda x: rounding.flush_down(_floats(x, "lower")))
-    upper: Float[Array, "..."] = eqx.field(converter=lambda x: rounding.flush_up(_floats(x, "upper")))
+    lower: Float[Array, "..."] = eqx.field(converter=_lower)
+    upper: Float[Array, "..."] = eqx.field(converter=_upper)
 
     @classmethod
     def exact(cls, x: ArrayLike) -> "Interval":

@@ -18,12 +18,12 @@ from jhd._distance.witness.derivative import moving
 from jhd._distance.witness.maxima import NEARER, ROUNDED
 from jhd._results.solution import RESULTS, CriticalPairs, HausdorffSolution, result_where
 from jhd._runtime.arrays import is_traced, undifferentiated
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import check_same_dim
 from jhd._shapes.curve import check_curve
 
 
-def critical_pairs(a: Any, b: Any, capacity: int = 16) -> CriticalPairs:
+def critical_pairs(a: ShapeLike, b: ShapeLike, capacity: int = 16) -> CriticalPairs:
     """The largest local maxima of the distance from `a` to `b` and from `b` to `a`, largest first.
 
     Each maximum has a value and a witness, differentiable in all arrays of both curves as in `hausdorff`. A pair of
@@ -46,14 +46,14 @@ def critical_pairs(a: Any, b: Any, capacity: int = 16) -> CriticalPairs:
         TypeError: a shape of another kind, or a capacity that is not a whole number.
         ValueError: the dimensions differ, or the capacity is below 1.
     """
-    a, b = taken_as("a", a), taken_as("b", b)
-    check_curve("a", a)
-    check_curve("b", b)
+    first, second = taken_as("a", a), taken_as("b", b)
+    check_curve("a", first)
+    check_curve("b", second)
     if not isinstance(capacity, int) or isinstance(capacity, bool):
         raise TypeError(f"capacity must be a whole number; got {type(capacity).__name__}.")
     if capacity < 1:
         raise ValueError(f"capacity is {capacity}; needs at least 1.")
-    pair = a.segments(), b.segments()
+    pair = first.segments(), second.segments()
     check_same_dim(pair[0].dim, pair[1].dim)
     found, frame = local_pairs(*pair, capacity)
     found = _led(found, hausdorff(*undifferentiated(pair), throw=False), frame)

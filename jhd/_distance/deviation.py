@@ -29,7 +29,7 @@ from jhd._results.solution import (
 )
 from jhd._results.unproven import relative_tolerance
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array, undifferentiated
-from jhd._shapes.as_shape import check_shape, taken_as
+from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.checks import Numbers, check_same_dim
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
@@ -60,8 +60,8 @@ class _Asked(NamedTuple):
 
 
 def deviation(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     *,
     rtol: Numbers = 1e-3,
     atol: Numbers | None = None,

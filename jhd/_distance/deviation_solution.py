@@ -10,10 +10,12 @@ from jhd._distance.cells.weighted import Values, Weights, quantile_bounds, share
 from jhd._distance.project import project
 from jhd._distance.search.points import is_points
 from jhd._results.batches import AbstractSolution
-from jhd._results.solution import Bounds, HausdorffSolution, Projection, name_of, to_plain
+from jhd._results.solution import RESULTS, Bounds, HausdorffSolution, Projection, name_of, to_plain
 from jhd._runtime.arrays import real_array
+from jhd._shapes.as_shape import Shape
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.foreign import PolyData, Trimesh
 from jhd._shapes.mesh import TriangleMesh
 
 
@@ -53,14 +55,14 @@ class Deviation(AbstractSolution):
         stats: counts of the work.
     """
 
-    a: Any = eqx.field(metadata={"stored": False})
-    b: Any = eqx.field(metadata={"stored": False})
+    a: Shape = eqx.field(metadata={"stored": False})
+    b: Shape = eqx.field(metadata={"stored": False})
     maximum: HausdorffSolution
     mean: Bounds
     rms: Bounds
     size: Bounds
     samples: DistanceSamples = eqx.field(metadata={"stored": False})
-    result: Any
+    result: RESULTS
     stats: dict[str, int]
 
     def quantile(self, q: float) -> Bounds:
@@ -125,7 +127,7 @@ class Deviation(AbstractSolution):
         ends = {"the mean": self.mean, "the root mean square": self.rms, "the maximum": largest}
         return ends if quantile is None else ends | {f"the quantile {quantile:g}": self.quantile(quantile)}
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The bounds and the quantiles 0.5, 0.9 and 0.99 as nested dictionaries, lists, numbers and names.
 
         Returns:
@@ -134,7 +136,7 @@ class Deviation(AbstractSolution):
         """
         return to_plain(self) | {"quantiles": {str(q): to_plain(self.quantile(q)) for q in (0.5, 0.9, 0.99)}}
 
-    def to_trimesh(self) -> Any:
+    def to_trimesh(self) -> Trimesh:
         """The mesh `a` as a trimesh.Trimesh, with the distances at its vertices as the vertex attribute `distance`.
 
         Returns:
@@ -148,7 +150,7 @@ class Deviation(AbstractSolution):
         made.vertex_attributes["distance"] = np.asarray(self.at().distance)
         return made
 
-    def to_pyvista(self) -> Any:
+    def to_pyvista(self) -> PolyData:
         """The mesh `a` as a pyvista.PolyData, with the distances at its vertices as the point array `distance`.
 
         Returns:

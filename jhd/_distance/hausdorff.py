@@ -1,7 +1,6 @@
 """Entry points for directed and two-sided Hausdorff distances of two shapes."""
 
 import math
-from typing import Any
 
 from jhd._distance.decisions import checked_limit, decided, of_copies
 from jhd._distance.normalization.method import AbstractHausdorffMethod, check_serves
@@ -14,14 +13,15 @@ from jhd._results.solution import (
     throw_unless_successful,
 )
 from jhd._runtime.arrays import same_arrays
+from jhd._shapes.as_shape import ShapeLike
 from jhd._shapes.checks import Numbers
 from jhd.progress import Callback
 
 
 @sized_by_method
 def directed_hausdorff(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     method: AbstractHausdorffMethod | None = None,
     *,
     rtol: Numbers | None = None,
@@ -80,8 +80,8 @@ def directed_hausdorff(
 
 @sized_by_method
 def hausdorff(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     method: AbstractHausdorffMethod | None = None,
     *,
     rtol: Numbers | None = None,
@@ -131,8 +131,8 @@ def hausdorff(
 
 @sized_by_method
 def hausdorff_at_most(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     threshold: Numbers,
     method: AbstractHausdorffMethod | None = None,
     *,

@@ -23,7 +23,7 @@ from jhd._distance.search.search import Threshold
 from jhd._distance.witness.balance import apart
 from jhd._results.solution import RESULTS, Decision, MinimumSolution, throw_unless_successful
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
-from jhd._shapes.as_shape import check_shape, taken_as
+from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.checks import Numbers, check_same_dim
 from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
@@ -37,8 +37,8 @@ _FEW = 256
 
 @sized_by_method
 def minimum_distance(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     method: BranchAndBound | VoxelPairs | None = None,
     *,
     rtol: Numbers | None = None,
@@ -104,21 +104,22 @@ def minimum_distance(
     Source: Lin & Wang, 3-D signed Euclidean distance transform and its applications, section on the minimum distance
     (the problem; their method is VoxelPairs, which certifies nothing).
     """
-    a, b = taken_as("a", a), taken_as("b", b)
-    for name, shape in (("a", a), ("b", b)):
+    first, second = taken_as("a", a), taken_as("b", b)
+    for name, shape in (("a", first), ("b", second)):
         check_shape(name, shape)
     method = chosen_method(method, rtol, atol)
-    check_serves(method, a, b, (BranchAndBound, VoxelPairs))
-    check_same_dim(a.dim, b.dim)
-    solution = method.minimum(a, b) if isinstance(method, VoxelPairs) else _searched(a, b, method, progress)
+    check_serves(method, first, second, (BranchAndBound, VoxelPairs))
+    check_same_dim(first.dim, second.dim)
+    known = isinstance(method, VoxelPairs)
+    solution = method.minimum(first, second) if known else _searched(first, second, method, progress)
     if throw:
         throw_unless_successful(solution)
     return solution
 
 
 def minimum_at_most(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     threshold: Numbers,
     method: BranchAndBound | None = None,
     *,

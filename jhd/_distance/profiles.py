@@ -1,6 +1,6 @@
 """Distances from points along a curve to a shape, as arrays."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from jhd._distance.project import project
 from jhd._results.display import count_text, described, most_text, opaque
 from jhd._runtime.arrays import check_whole
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.curve import check_curve
 
 
@@ -39,7 +39,7 @@ class DistanceProfile(NamedTuple):
         return described(self, places, most_text("distances up to", self.upper))
 
 
-def distance_profile(a: Any, b: Any, samples: int = 64) -> DistanceProfile:
+def distance_profile(a: ShapeLike, b: ShapeLike, samples: int = 64) -> DistanceProfile:
     """Distances to `b` from points of the curve `a` at evenly spaced parameters; differentiable like `project`.
 
     The largest of these distances is at most the directed Hausdorff distance. Between the points nothing is certified.
@@ -61,10 +61,10 @@ def distance_profile(a: Any, b: Any, samples: int = 64) -> DistanceProfile:
         TypeError: `a` is not a curve, or `b` is not a shape.
         ValueError: the dimensions differ, or `samples` is below 1.
     """
-    a = taken_as("a", a)
-    check_curve("a", a)
+    curve = taken_as("a", a)
+    check_curve("a", curve)
     check_whole("samples", samples, 1)
-    segments = a.segments()
+    segments = curve.segments()
     shares = np.linspace(0.0, 1.0, samples + 1) if segments.degree > 0 else np.zeros(1)
     index = np.repeat(np.arange(segments.count), len(shares))
     places = np.tile(shares, segments.count)

@@ -38,7 +38,7 @@ from jhd._distance.witness.mesh_feet import project_on_mesh
 from jhd._results.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
 from jhd._runtime.arrays import array_of, check_whole, is_traced, real_array, undifferentiated
 from jhd._runtime.compiled import compiled, optimized
-from jhd._shapes.as_shape import check_rows_first, check_shape, taken_as
+from jhd._shapes.as_shape import ShapeLike, check_rows_first, check_shape, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
 from jhd._shapes.implicit import ImplicitSurface
@@ -60,7 +60,7 @@ _CHUNK = 128
 
 def project(
     points: Numbers,
-    shape: Any,
+    shape: ShapeLike,
     method: AbstractProjectionMethod | VertexVoxels | None = None,
     *,
     throw: bool = True,
@@ -128,7 +128,7 @@ def _finished(projection: Projection, throw: bool) -> Projection:
     return projection
 
 
-def stationary_points(points: Numbers, curve: Any, *, capacity: int = 32, throw: bool = True) -> StationaryPoints:
+def stationary_points(points: Numbers, curve: ShapeLike, *, capacity: int = 32, throw: bool = True) -> StationaryPoints:
     """All parameters at which the distance from a point to a curve is stationary, in certified enclosures.
 
     These are the roots of (P - B).B', sorted along the curve. A multiple root is one entry; a stretch of constant

@@ -10,8 +10,6 @@ computation using the angle weighted pseudonormal (2005); the average: Lin03 ("3
 and its applications", 2003), section 3, detail 3.
 """
 
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -22,7 +20,7 @@ from jhd._distance.published.vertex_voxels import VertexVoxels
 from jhd._distance.witness.mesh_feet import project_on_mesh
 from jhd._results.solution import Projection
 from jhd._runtime.arrays import is_traced, undifferentiated
-from jhd._shapes.as_shape import check_rows_first, taken_as
+from jhd._shapes.as_shape import ShapeLike, check_rows_first, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.mesh import TriangleMesh, check_mesh
 from jhd._triangles.closest_point import ClosestPoints
@@ -33,7 +31,7 @@ _SIGNS = ("winding", "pseudonormal", "average")
 
 
 def signed_distance(
-    points: Numbers, mesh: Any, sign: str | None = None, *, method: VertexVoxels | None = None
+    points: Numbers, mesh: ShapeLike, sign: str | None = None, *, method: VertexVoxels | None = None
 ) -> Array:
     """Signed distances from points to a mesh, negative inside; differentiable twice in the points and in the vertices.
 
@@ -69,14 +67,14 @@ def signed_distance(
             is not closed and consistently oriented; a grid of VertexVoxels above its capacity.
     """
     check_rows_first("signed_distance", points)
-    mesh = taken_as("mesh", mesh)
-    check_mesh("mesh", mesh)
+    target = taken_as("mesh", mesh)
+    check_mesh("mesh", target)
     sign = ("winding" if method is None else "average") if sign is None else sign
     if sign not in _SIGNS:
         raise ValueError(f"sign is {sign!r}; needs one of {', '.join(map(repr, _SIGNS))}.")
     queries = checked_points(points)
-    found = project_on_mesh(queries, mesh, method)
-    fixed, still, foot = undifferentiated((queries, mesh, found))
+    found = project_on_mesh(queries, target, method)
+    fixed, still, foot = undifferentiated((queries, target, found))
     if sign != "winding":
         inside = _beyond(fixed, foot, still, sign)
     elif is_traced(fixed, still):

@@ -13,7 +13,7 @@ from jhd._distance.search.sources import CellRows
 from jhd._results.unproven import NotProvenError
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array
 from jhd._runtime.decimals import interval_text
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.mesh import TriangleMesh
@@ -25,7 +25,9 @@ _LEFT = 0.2
 _SHARE = 1e-12
 
 
-def arc_length(curve: Any, *, rtol: Numbers = 1e-6, atol: Numbers | None = None, max_cells: int = 1 << 18) -> Bounds:
+def arc_length(
+    curve: ShapeLike, *, rtol: Numbers = 1e-6, atol: Numbers | None = None, max_cells: int = 1 << 18
+) -> Bounds:
     """The length of a curve with certified bounds; parts that are traversed twice count twice.
 
     >>> import jhd
@@ -56,7 +58,7 @@ def arc_length(curve: Any, *, rtol: Numbers = 1e-6, atol: Numbers | None = None,
 
 
 def surface_area(
-    surface: Any, *, rtol: Numbers = 1e-4, atol: Numbers | None = None, max_cells: int = 1 << 18
+    surface: ShapeLike, *, rtol: Numbers = 1e-4, atol: Numbers | None = None, max_cells: int = 1 << 18
 ) -> Bounds:
     """The area of a parametric surface or a mesh with certified bounds; parts that lie on each other count twice.
 

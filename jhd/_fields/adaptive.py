@@ -23,14 +23,14 @@ from jhd._fields.adaptive_build import DEEPEST, MODES, Task, bounding_cube, buil
 from jhd._fields.adaptive_error import LeafBoxes, largest_error, meeting
 from jhd._fields.adaptive_evaluate import LeafCells, values_at
 from jhd._fields.adaptive_extract import Leaves, extracted
-from jhd._fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, Surface, is_inner, surface_of
+from jhd._fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, HasSearch, Surface, is_inner, surface_of
 from jhd._fields.adaptive_surfaces import MESH_SHARE, meshed
 from jhd._fields.checks import one_of, positive, whole
 from jhd._results.display import count_text, described, opaque, value_text
 from jhd._runtime.archives import read_arrays
 from jhd._runtime.arrays import is_traced, real_array
 from jhd._runtime.files import replace_file
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.mesh import TriangleMesh, check_mesh
 from jhd._triangles.closest_point import closest_points
@@ -98,7 +98,7 @@ class AdaptiveDistanceField(eqx.Module):
     @classmethod
     def build(
         cls,
-        mesh: Any,
+        mesh: ShapeLike,
         tolerance: Numbers,
         mode: str = "band",
         *,
@@ -106,7 +106,7 @@ class AdaptiveDistanceField(eqx.Module):
         max_depth: int = 12,
         max_cells: int = 1_500_000,
         progress: Callback | None = None,
-        method: Any = None,
+        method: HasSearch | None = None,
     ) -> "AdaptiveDistanceField":
         """The field of a surface, refined until the error is within `tolerance` at 19 points of each cell.
 
@@ -148,13 +148,13 @@ class AdaptiveDistanceField(eqx.Module):
         if method is not None and (mode != "full" or sign is not None):
             raise ValueError(f"mode is {mode!r} and sign {sign!r}; a method needs mode='full' and has its own signs.")
         sign = "winding" if sign is None else sign
-        mesh = meshed(shape, tolerance, one_of("sign", sign, SIGNS))[0]
-        surface, power = _surface("mesh", mesh, sign, method)
+        drawn = meshed(shape, tolerance, one_of("sign", sign, SIGNS))[0]
+        surface, power = _surface("mesh", drawn, sign, method)
         depth = whole("max_depth", max_depth, 0, DEEPEST)
         most = whole("max_cells", max_cells, 1, 1 << 27)
-        grid = first_grid(mesh, tolerance) if method is None else bounding_cube(mesh)
+        grid = first_grid(drawn, tolerance) if method is None else bounding_cube(drawn)
         # A tolerance beyond floats in this unit refines all cells, or none.
-        asked = _scaled(tolerance if mesh is shape else (1 - MESH_SHARE) * tolerance, -power)
+        asked = _scaled(tolerance if drawn is shape else (1 - MESH_SHARE) * tolerance, -power)
         tree = build_octree(
             Task(surface, grid.scaled(-power), asked, one_of("mode", mode, MODES), depth, most, progress)
         )
@@ -239,7 +239,7 @@ class AdaptiveDistanceField(eqx.Module):
         found = extracted(leaves, low, high, count, known._numbers)
         return TriangleMesh(np.ldexp(np.asarray(found.vertices), power), found.triangles)
 
-    def sampled_error(self, mesh: Any, samples: int = 100_000, seed: int = 0) -> float:
+    def sampled_error(self, mesh: ShapeLike, samples: int = 100_000, seed: int = 0) -> float:
         """Largest |field - distance| at random points: in the band for mode "band", in the box for mode "full".
 
         The band consists of the leaves that may meet the surface; points are uniform in the band. For a parametric or
@@ -269,7 +269,7 @@ class AdaptiveDistanceField(eqx.Module):
         exact = np.where(is_inner(surface, points, found, boxes.width[chosen]), -found.distance, found.distance)
         return float(_scaled(np.max(np.abs(known._numbers(points) - exact)), power))
 
-    def proven_error(self, mesh: Any, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
+    def proven_error(self, mesh: ShapeLike, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
         """Certified upper bound of |field - signed distance|: in the band for mode "band", in the box for mode "full".
 
         The sign of the distance is given by the winding number (a field without signs is compared with the unsigned
@@ -436,7 +436,7 @@ def _check_leaves(known: dict[str, Any]) -> None:
         )
 
 
-def _surface(name: str, mesh: Any, sign: str = "winding", method: Any = None) -> tuple[Surface, int]:
+def _surface(name: str, mesh: Any, sign: str = "winding", method: HasSearch | None = None) -> tuple[Surface, int]:
     """The mesh prepared in a unit of its own, and the power of two of this unit."""
     check_mesh(name, mesh)
     if is_traced(mesh):

@@ -7,7 +7,7 @@ signs from points to their neighbors, with distances rounded down.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,13 +27,19 @@ from jhd._triangles.closest_point import (
 from jhd._triangles.pseudonormal import is_behind, pseudonormals
 from jhd._triangles.winding import is_inside
 
-# How nearest points of a mesh are found: as the search of jhd.published.VertexVoxels.
 Search = Callable[[np.ndarray, TriangleMesh], ClosestPoints]
 SIGNS = ("winding", "pseudonormal", "none")
 # Published averages of normals go with the published search alone.
 PUBLISHED_SIGN = "average"
 # Times that a point is moved away from the mesh, which doubles the room about it at best.
 _LIFTS = 5
+
+
+@runtime_checkable
+class HasSearch(Protocol):
+    """How nearest points of a mesh are found, as by jhd.published.VertexVoxels."""
+
+    search: Search
 
 
 class Samples(NamedTuple):

@@ -27,6 +27,7 @@ from jhd._results.display import count_text, described, opaque, size_text, value
 from jhd._runtime.arrays import is_traced, real_array
 from jhd._runtime.compiled import compiled, optimized
 from jhd._runtime.decimals import upper_text
+from jhd._shapes.as_shape import ShapeLike
 from jhd._shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd._shapes.checks import Numbers
 
@@ -128,7 +129,7 @@ def _enclosed(field: DistanceMap, x: Array) -> Interval:
 
 
 def distance_map(
-    curve: Any,
+    curve: ShapeLike | BiarcCurve,
     lower: Numbers,
     upper: Numbers,
     resolution: int | tuple[int, int],

@@ -64,7 +64,7 @@ class DistanceTransform(eqx.Module):
         return described(self, f"{size_text(self.distance.shape)} voxels", most)
 
 
-def distance_transform(features: Any, spacing: Numbers = 1.0, *, method: str = "exact") -> DistanceTransform:
+def distance_transform(features: Numbers, spacing: Numbers = 1.0, *, method: str = "exact") -> DistanceTransform:
     """Euclidean distance transform of a grid of one to three dimensions, with the nearest feature of each voxel.
 
     If several features are equally near, any of them may be returned. Works under jit and vmap. The distances are
@@ -97,7 +97,7 @@ def distance_transform(features: Any, spacing: Numbers = 1.0, *, method: str = "
     return DistanceTransform(_in_unit(_lengths(index, sides), power), index)
 
 
-def signed_distance_transform(inside: Any, spacing: Numbers = 1.0) -> Float[Array, "..."]:
+def signed_distance_transform(inside: Numbers, spacing: Numbers = 1.0) -> Float[Array, "..."]:
     """Exact signed distances on a grid, between centers of voxels: positive outside, negative inside.
 
     At an outside voxel, the value is the distance to the nearest inside voxel. At an inside voxel, it is minus the

@@ -22,19 +22,14 @@ from jhd._fitting.chain import Layout, contours, divided, from_a_corner, least_s
 from jhd._fitting.clock import Clock
 from jhd._fitting.sampled import lengths_of
 from jhd._fitting.ways import Limits, scales_of, way_of
-from jhd._results.solution import FitSolution
+from jhd._results.solution import Built, FitSolution, Parameters
 from jhd._runtime.argument_hints import refuse_tracing, traceable
 from jhd._runtime.arrays import real_array
-from jhd._shapes.as_shape import Shape, taken_as
+from jhd._shapes.as_shape import Shape, ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
-from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd._shapes.implicit import ImplicitSurface
-from jhd._shapes.mesh import TriangleMesh
-from jhd._shapes.patch import AbstractPatch
+from jhd._shapes.curve import BezierSegments, check_curve
 from jhd.progress import Callback, Progress
 
-# Shapes that are fitted, and fitted to.
-Fitted = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128
@@ -50,13 +45,13 @@ _SPREAD = 0.1
 
 
 def minimize_hausdorff(
-    build: Callable[[Any], Fitted],
-    parameters: Any,
-    target: Any,
+    build: Callable[[Parameters], Built],
+    parameters: Parameters,
+    target: ShapeLike,
     *,
     statistic: AbstractStatistic | None = None,
     temperature: Numbers | None = None,
-    starts: Any = 1,
+    starts: int | Parameters = 1,
     seed: int = 0,
     max_steps: int = 60,
     max_seconds: float | None = None,
@@ -64,7 +59,7 @@ def minimize_hausdorff(
     capacity: int | None = None,
     method: AbstractHausdorffMethod | None = None,
     progress: Callback | None = None,
-) -> FitSolution:
+) -> FitSolution[Parameters, Built]:
     """Parameters that minimize the distance from build(parameters) to a target, or a statistic of this distance.
 
     The result is a local minimum near the start. To keep ends, tangents or closedness fixed, let `build` not vary them.
@@ -126,7 +121,7 @@ def minimize_hausdorff(
 
 
 def _minimized(
-    build: Callable[[Any], Fitted],
+    build: Callable[..., Any],
     parameters: Any,
     target: Any,
     clock: Clock,
@@ -165,7 +160,7 @@ def _minimized(
 
 
 def fit_curve(
-    target: Any,
+    target: ShapeLike,
     *,
     degree: int,
     segments: int | None = None,
@@ -179,7 +174,7 @@ def fit_curve(
     stop_below: float = 0.0,
     method: AbstractHausdorffMethod | None = None,
     progress: Callback | None = None,
-) -> FitSolution:
+) -> FitSolution[Array, BezierSegments]:
     """Fit of polynomial Bezier segments to a connected curve, by the Hausdorff distance or a statistic.
 
     The start is a least-squares fit to points of the target. A fit with free ends starts from the fit with fixed ends,
@@ -215,9 +210,9 @@ def fit_curve(
             together with an option that it determines.
     """
     refuse_tracing("fit_curve", target)
-    target, clock = taken_as("target", target), Clock(max_seconds)
-    check_curve("target", target)
-    curve = target.segments()
+    given, clock = taken_as("target", target), Clock(max_seconds)
+    check_curve("target", given)
+    curve = given.segments()
     _refuse_points(curve)
     following = np.asarray(curve.next_segment)
     if np.any(following[:-1] != np.arange(1, curve.count)):
@@ -278,7 +273,7 @@ def _refuse_beside_tolerance(others: dict[str, Any]) -> None:
 
 
 def fit_outline(
-    target: Any,
+    target: ShapeLike,
     tolerance: Numbers,
     *,
     degree: int = 3,
@@ -287,7 +282,7 @@ def fit_outline(
     max_steps: int = 40,
     max_seconds: float | None = None,
     progress: Callback | None = None,
-) -> list[FitSolution]:
+) -> list[FitSolution[Array, BezierSegments]]:
     """Fits of all contours of an outline within a tolerance, by few segments.
 
     Pieces between joints are as long as possible while their least-squares fits stay within a multiple of the
@@ -324,14 +319,15 @@ def fit_outline(
     """
     refuse_tracing("fit_outline", target)
     _check_degree(degree, 1)
-    target, clock = taken_as("target", target), Clock(max_seconds)
-    check_curve("target", target)
-    _refuse_points(target.segments())
+    given, clock = taken_as("target", target), Clock(max_seconds)
+    check_curve("target", given)
+    curve = given.segments()
+    _refuse_points(curve)
     limit = real_array("tolerance", tolerance)
     if limit.shape != () or not float(limit) > 0:
         raise ValueError(f"tolerance is {limit}; needs one positive number.")
     found = []
-    for contour in contours(target.segments()):
+    for contour in contours(curve):
         start = from_a_corner(contour, _reach(contour, float(limit)))
         found.append(_within(start, float(limit), clock, degree, smooth, max_segments, max_steps, progress))
     return found
@@ -391,7 +387,7 @@ def _capacity(count: int) -> int:
     return next((capacity for most, capacity in _CAPACITIES if count <= most), _LARGEST_CAPACITY)
 
 
-def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: Fitted) -> np.ndarray:
+def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: Shape) -> np.ndarray:
     """Rows of parameters to start from."""
     if not isinstance(starts, int):
         rows = np.stack([np.asarray(ravel_pytree(row)[0]) for row in _rows(starts)])

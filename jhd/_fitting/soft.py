@@ -18,7 +18,7 @@ little. Their feet are found by Newton's method from near the nearest samples of
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +39,7 @@ from jhd._distance.normalization.pieces import CurvePlace, piece_of, preceding
 from jhd._distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd._runtime.arrays import check_scalar, real_array, undifferentiated
 from jhd._runtime.compiled import compiled
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
 
@@ -66,7 +66,9 @@ class SoftSamples(NamedTuple):
     weight: Array
 
 
-def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdorffMethod | None = None) -> Array:
+def soft_hausdorff(
+    a: ShapeLike, b: ShapeLike, temperature: Numbers, method: AbstractHausdorffMethod | None = None
+) -> Array:
     """Smooth upper bound S of the Hausdorff distance H of two curves: a loss with dense gradients.
 
     S satisfies H <= S <= H + temperature * log(64), for the certified upper bound H of the distance. S softens the
@@ -97,14 +99,14 @@ def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdor
         ValueError: the dimensions differ, or the temperature is not a positive length.
         NotProvenError: the search did not reach its tolerance.
     """
-    a, b = taken_as("a", a), taken_as("b", b)
-    check_curve("a", a)
-    check_curve("b", b)
+    first, second = taken_as("a", a), taken_as("b", b)
+    check_curve("a", first)
+    check_curve("b", second)
     heat = real_array("temperature", temperature)
     check_scalar("temperature", heat, positive=True)
     method = default_method() if method is None else method
-    check_serves(method, a, b, (BranchAndBound,))
-    p, q = a.segments(), b.segments()
+    check_serves(method, first, second, (BranchAndBound,))
+    p, q = first.segments(), second.segments()
     found = hausdorff(p, q, method)
     hard = carrying(found.upper, found.value)
     known = undifferentiated((p, q))

@@ -13,8 +13,8 @@ A key `comment` is always allowed. The last three types are for files written by
 Floats are written so that the same floats are read back.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from jhd._io.described import DescribedKind, Kinds, built, check_suffix, described, load_described, save_described
 from jhd._io.iges import IGES_SUFFIXES
@@ -34,7 +34,7 @@ CURVE_KINDS: Kinds = {
 }
 
 
-def curve_to_dict(curve: AbstractCurve) -> dict[str, Any]:
+def curve_to_dict(curve: AbstractCurve) -> dict[str, object]:
     """A dictionary of a curve for JSON: its type and its arrays as nested lists, without empty keys.
 
     >>> import jhd
@@ -57,7 +57,7 @@ def curve_to_dict(curve: AbstractCurve) -> dict[str, Any]:
     return described(curve, CURVE_KINDS[name])
 
 
-def curve_from_dict(content: Any) -> AbstractCurve:
+def curve_from_dict(content: Mapping[str, object]) -> AbstractCurve:
     """The curve that a dictionary describes: the inverse of `curve_to_dict`.
 
     >>> import jhd

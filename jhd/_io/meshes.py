@@ -8,7 +8,6 @@ vertices, so equal coordinates become one vertex.
 from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from jhd._io.model_packages import read_3mf
 from jhd._io.ply import read_ply, write_ply
 from jhd._io.polygons import Polygons, coordinates_in, in_doubles, indices_in, merged, mesh_of
 from jhd._runtime.files import replace_file
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.mesh import TriangleMesh, check_mesh
 
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -58,7 +57,7 @@ def load_mesh(file: str | Path) -> TriangleMesh:
     return mesh_of(file, _READERS[suffix](file, read_bytes(file)))
 
 
-def save_mesh(file: str | Path, mesh: Any, *, text: bool = False) -> None:
+def save_mesh(file: str | Path, mesh: ShapeLike, *, text: bool = False) -> None:
     """Write a triangle mesh to an OBJ, STL, PLY or OFF file.
 
     `load_mesh` reads the same mesh back bit for bit, with two exceptions: STL files store corners instead of common
@@ -84,12 +83,12 @@ def save_mesh(file: str | Path, mesh: Any, *, text: bool = False) -> None:
         TypeError: not a mesh.
         ValueError: another suffix, or coordinates beyond the range of a binary STL file.
     """
-    mesh = taken_as("mesh", mesh)
-    check_mesh("mesh", mesh)
+    taken = taken_as("mesh", mesh)
+    check_mesh("mesh", taken)
     suffix = Path(file).suffix.lower()
     if suffix not in _WRITERS:
         raise ValueError(f"the suffix of {file} is {suffix!r}; a mesh is a file {_KNOWN}.")
-    replace_file(file, _WRITERS[suffix](np.asarray(mesh.vertices), np.asarray(mesh.triangles), text))
+    replace_file(file, _WRITERS[suffix](np.asarray(taken.vertices), np.asarray(taken.triangles), text))
 
 
 def _lines(content: bytes) -> Iterator[tuple[int, list[str]]]:

@@ -13,6 +13,7 @@ from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.bspline import BSplineCurve
 from jhd._shapes.bspline_surface import BSplineSurface
 from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd._shapes.foreign import BSpline, Geometry, Path
 from jhd._shapes.knots import unrolled
 from jhd._shapes.patch import AbstractPatch, BezierPatch
 
@@ -21,7 +22,7 @@ _CODES = {1: 2, 2: 3, 3: 4}
 _MOVETO, _CLOSEPOLY = 1, 79
 
 
-def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False) -> Any:
+def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False) -> BSpline:
     """A `scipy.interpolate.BSpline` of a curve or an `NdBSpline` of a surface, with the same numbers bit for bit.
 
     Parameters are kept. BezierSegments become one spline in which segment k has the parameters [k, k + 1]. A periodic
@@ -87,7 +88,7 @@ def _surface_knots(surface: AbstractPatch) -> tuple[np.ndarray, np.ndarray]:
     return np.repeat([0.0, 1.0], p + 1), np.repeat([0.0, 1.0], q + 1)
 
 
-def to_geomdl(surface: AbstractPatch) -> dict[str, Any]:
+def to_geomdl(surface: AbstractPatch) -> dict[str, object]:
     """A dictionary of the attributes of a `geomdl.NURBS.Surface`, as plain numbers, with points along v first.
 
     Set them in the order of the dictionary, but `ctrlpts_size_u` and `ctrlpts_size_v` before `ctrlpts`. Weights are
@@ -121,7 +122,7 @@ def to_geomdl(surface: AbstractPatch) -> dict[str, Any]:
     }
 
 
-def to_shapely(curve: AbstractCurve, tolerance: float | None = None, *, filled: bool = False) -> Any:
+def to_shapely(curve: AbstractCurve, tolerance: float | None = None, *, filled: bool = False) -> Geometry:
     """A shapely LineString or MultiLineString of a curve; with `filled`, the Polygon or MultiPolygon that it bounds.
 
     The geometry is a polyline within a certified Hausdorff distance of `tolerance` of the curve. Straight segments are
@@ -200,7 +201,7 @@ def _area(shapely: Any, chains: list[np.ndarray]) -> Any:
 _LENGTH = 1e-9
 
 
-def to_path(curve: AbstractCurve, tolerance: float | None = None) -> Any:
+def to_path(curve: AbstractCurve, tolerance: float | None = None) -> Path:
     """A matplotlib Path of a plane curve: polynomial segments of degree 1 to 3 bit for bit, others as cubics.
 
     >>> import jhd

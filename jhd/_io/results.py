@@ -24,7 +24,7 @@ from jhd._runtime.files import replace_file
 _JOIN = "."
 
 
-def save_result(file: str | Path, solution: eqx.Module, /, **context: Any) -> None:
+def save_result(file: str | Path, solution: eqx.Module, /, **context: object) -> None:
     """Write a result, for example a `HausdorffSolution` or a batch of them, to a JSON or npz file.
 
     >>> from tempfile import TemporaryDirectory
@@ -63,7 +63,7 @@ def save_result(file: str | Path, solution: eqx.Module, /, **context: Any) -> No
     replace_file(file, stream.getvalue())
 
 
-def load_result(file: str | Path) -> dict[str, Any]:
+def load_result(file: str | Path) -> dict[str, object]:
     """Load a result that `save_result` wrote.
 
     >>> from tempfile import TemporaryDirectory

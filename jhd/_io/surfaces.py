@@ -10,8 +10,8 @@
 allowed. Floats are written so that the same floats are read back.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from jhd._io.described import DescribedKind, Kinds, built, check_suffix, described, load_described, save_described
 from jhd._io.iges import IGES_SUFFIXES
@@ -26,7 +26,7 @@ SURFACE_KINDS: Kinds = {
 }
 
 
-def surface_to_dict(surface: AbstractPatch) -> dict[str, Any]:
+def surface_to_dict(surface: AbstractPatch) -> dict[str, object]:
     """A dictionary of a surface for JSON: its type and its arrays as nested lists, without empty keys.
 
     >>> import jhd
@@ -49,7 +49,7 @@ def surface_to_dict(surface: AbstractPatch) -> dict[str, Any]:
     return described(surface, SURFACE_KINDS[name])
 
 
-def surface_from_dict(content: Any) -> AbstractPatch:
+def surface_from_dict(content: Mapping[str, object]) -> AbstractPatch:
     """The surface that a dictionary describes: the inverse of `surface_to_dict`.
 
     >>> import jhd

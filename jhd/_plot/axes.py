@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from jhd._shapes.foreign import Axes
+
 BLUE, ORANGE, VERMILLION, GRAY = "#0072B2", "#E69F00", "#D55E00", "#707070"
 PALE_BLUE = "#C9E3F2"
 
@@ -11,7 +13,7 @@ COLUMN_INCHES = 85 / 25.4
 TEXT_POINTS = 8  # size of text that stays legible when a column is printed
 
 
-def axes_for(ax: Any, dim: int) -> Any:
+def axes_for(ax: Axes | None, dim: int) -> Axes:
     """The given axes, checked, or the axes of a new figure one column wide."""
     if ax is None:
         import matplotlib.pyplot as plt

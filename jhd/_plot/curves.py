@@ -9,23 +9,24 @@ from jhd._arithmetic.bernstein import basis
 from jhd._distance.project import project
 from jhd._plot.axes import BLUE, GRAY, TEXT_POINTS, VERMILLION, axes_for, draw, finish
 from jhd._results.solution import HausdorffSolution
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd._shapes.foreign import Axes
 
 _PROFILE_SAMPLES = 1500  # in all; more than the pixels of a column at 300 dpi
 _LEVEL = 1e-9  # fraction of the largest distance below which a rise is rounding, not a maximum
 
 
 def curve(
-    shape: Any,
-    ax: Any = None,
+    shape: ShapeLike,
+    ax: Axes | None = None,
     *,
     color: str = BLUE,
-    linestyle: Any = "-",
+    linestyle: str | tuple[float, Sequence[float]] = "-",
     label: str | None = None,
     control_polygon: bool = True,
     samples: int = 32,
-) -> Any:
+) -> Axes:
     """Axes with a plane or space curve; point sets are drawn as dots, contours that are not joined stay separate.
 
     >>> from matplotlib.figure import Figure
@@ -50,9 +51,9 @@ def curve(
         TypeError: the shape is no curve.
         ValueError: a space curve is drawn on plane axes.
     """
-    shape = taken_as("shape", shape)
-    check_curve("shape", shape)
-    pieces = shape.segments()
+    taken = taken_as("shape", shape)
+    check_curve("shape", taken)
+    pieces = taken.segments()
     ax = axes_for(ax, pieces.dim)
     if pieces.degree == 0:
         draw(ax, pieces.control_points[:, 0], "curve", color=color, marker=".", linestyle="none", label=label)
@@ -69,16 +70,16 @@ def curve(
 
 
 def distance_profile(
-    a: Any,
-    b: Any,
-    ax: Any = None,
+    a: ShapeLike,
+    b: ShapeLike,
+    ax: Axes | None = None,
     solution: HausdorffSolution | None = None,
     *,
     labels: Sequence[str] = ("A", "B"),
     unit: str = "input units",
     color: str = BLUE,
     samples: int | None = None,
-) -> Any:
+) -> Axes:
     """Axes with the distance profile t -> d(a(t), b), whose largest value is the directed Hausdorff distance.
 
     The parameter is global: segment k has the parameters [k, k + 1]. Circles mark the local maxima that the samples
@@ -107,15 +108,15 @@ def distance_profile(
         TypeError: a shape is no curve.
         ValueError: the dimensions differ, `samples` is below 1, or `solution` is a batch.
     """
-    a, b = taken_as("a", a), taken_as("b", b)
-    check_pair(a, b)
-    pieces = a.segments()
+    first, second = taken_as("a", a), taken_as("b", b)
+    check_pair(first, second)
+    pieces = first.segments()
     steps = int(np.clip(_PROFILE_SAMPLES // pieces.count, 8, 256)) if samples is None else samples
     if steps < 1:
         raise ValueError(f"samples is {steps}; needs at least 1.")
     ax = axes_for(ax, 2)
     t = np.linspace(0.0, 1.0, steps + 1) if pieces.degree > 0 else np.zeros(1)
-    distances = np.asarray(project(_sample(pieces, t), b, throw=False).distance)
+    distances = np.asarray(project(_sample(pieces, t), second, throw=False).distance)
     place = np.arange(pieces.count)[:, None] + t
     line = _with_gaps(pieces, np.stack([place, distances], axis=-1))
     style = {"linewidth": 1.2} if pieces.degree else {"linestyle": "none", "marker": "."}

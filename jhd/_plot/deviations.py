@@ -12,7 +12,8 @@ from jhd._plot.colored import DrawnPieces, distances_at, pieces_of, section
 from jhd._plot.faces import frame
 from jhd._plot.solutions import distance_text
 from jhd._results.solution import HausdorffSolution, name_of
-from jhd._shapes.as_shape import as_shape
+from jhd._shapes.as_shape import Shape, ShapeLike, as_shape
+from jhd._shapes.foreign import Axes
 
 # Seen in gray and by the color-blind, and as bright on paper as far.
 _COLORS = "viridis"
@@ -32,13 +33,13 @@ _AROUND, _LEAST = 1.6, 0.02
 
 def deviation(
     found: Deviation,
-    ax: Any = None,
+    ax: Axes | None = None,
     *,
     labels: Sequence[str] = ("A", "B"),
     unit: str | None = None,
     witness: bool = True,
     color_bar: bool = True,
-) -> Any:
+) -> Axes:
     """Axes with `a` colored by its distance to `b`, and the farthest point.
 
     Without axes it creates a whole figure one column wide. Below the shape are the histogram of the distances and an
@@ -68,9 +69,9 @@ def deviation(
     """
     if ax is None:
         shown = _ColoredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
-        ax = _whole(shown, witness, color_bar, _SECTION)
-        histogram(found, ax.figure.add_axes(_HISTOGRAM, gid="histogram"), labels=labels, unit=unit)
-        return ax
+        drawn = _whole(shown, witness, color_bar, _SECTION)
+        histogram(found, drawn.figure.add_axes(_HISTOGRAM, gid="histogram"), labels=labels, unit=unit)
+        return drawn
     ax = axes_for(ax, found.a.dim)
     shown = _ColoredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
     _colored(shown, ax, witness, ax if color_bar else None)
@@ -78,16 +79,16 @@ def deviation(
 
 
 def distances(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     solution: HausdorffSolution,
-    ax: Any = None,
+    ax: Axes | None = None,
     *,
     labels: Sequence[str] = ("A", "B"),
     unit: str | None = None,
     witness: bool = True,
     color_bar: bool = True,
-) -> Any:
+) -> Axes:
     """Axes with the shape that contains the witness of a distance, colored by its distance to the opposite shape.
 
     Like `deviation`, for shapes of all kinds and from the solution alone, so without the histogram. Without axes it
@@ -127,7 +128,9 @@ def distances(
     return ax
 
 
-def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A", "B"), unit: str | None = None) -> Any:
+def histogram(
+    found: Deviation, ax: Axes | None = None, *, labels: Sequence[str] = ("A", "B"), unit: str | None = None
+) -> Axes:
     """Axes with the histogram of the distances: the fraction of `a`, by length, area or number, at each distance.
 
     Each part of `a` is counted by the mean of the affine functions that bound its distance, or evenly between its
@@ -190,8 +193,8 @@ def _weights_below(ends: np.ndarray, lower: np.ndarray, upper: np.ndarray, weigh
 class _ColoredPair(NamedTuple):
     """A shape to color, the shape to which distances are taken, the largest distance, and known samples."""
 
-    a: Any
-    b: Any
+    a: Shape
+    b: Shape
     maximum: HausdorffSolution
     labels: Sequence[str]
     unit: str | None

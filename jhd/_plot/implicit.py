@@ -10,6 +10,7 @@ from jhd._plot.axes import BLUE, GRAY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLIO
 from jhd._plot.faces import add_faces, frame, rgb_of, shaded_shapes
 from jhd._plot.nets import quadrilaterals, quadrilaterals_of_patches
 from jhd._runtime.argument_hints import belongs
+from jhd._shapes.foreign import Axes
 from jhd._shapes.implicit import ImplicitSurface, check_surface
 from jhd._shapes.patch import AbstractPatch
 
@@ -18,13 +19,13 @@ _LINES = 257  # samples along each axis of the curve in which a plane cuts a sur
 
 def surface(
     shape: ImplicitSurface | AbstractPatch,
-    ax: Any = None,
+    ax: Axes | None = None,
     *,
     color: str = BLUE,
     label: str | None = None,
     alpha: float = 0.75,
     cells: int = 48,
-) -> Any:
+) -> Axes:
     """Space axes with a surface; an implicit surface is cut off at its box.
 
     >>> from matplotlib.figure import Figure
@@ -55,13 +56,13 @@ def surface(
 @belongs(color="write colors=, one for each")
 def surfaces(
     shapes: Sequence[ImplicitSurface | AbstractPatch],
-    ax: Any = None,
+    ax: Axes | None = None,
     *,
     colors: Sequence[str] = (BLUE, ORANGE),
     labels: Sequence[str | None] = ("A", "B"),
     alpha: float = 0.6,
     cells: int = 48,
-) -> Any:
+) -> Axes:
     """Space axes with several surfaces, drawn together so that faces in front hide faces behind.
 
     >>> from matplotlib.figure import Figure
@@ -109,7 +110,9 @@ def net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
 
 
 @belongs(color="write colors=")
-def voxels(cells: Voxels, ax: Any = None, *, colors: Sequence[str] = (BLUE, VERMILLION), legend: bool = True) -> Any:
+def voxels(
+    cells: Voxels, ax: Axes | None = None, *, colors: Sequence[str] = (BLUE, VERMILLION), legend: bool = True
+) -> Axes:
     """Space axes with the kept cells of a surface, colored by whether they are proven to contain one of its points.
 
     >>> from matplotlib.figure import Figure
@@ -151,12 +154,12 @@ def voxels(cells: Voxels, ax: Any = None, *, colors: Sequence[str] = (BLUE, VERM
 def section(
     shape: ImplicitSurface,
     cells: Voxels,
-    ax: Any = None,
+    ax: Axes | None = None,
     *,
     axis: int = 2,
     at: float | None = None,
     legend: bool = True,
-) -> Any:
+) -> Axes:
     """Plane axes with one layer of cells, colored by their state, and the curve in which a plane cuts the surface.
 
     A cell that `voxelize` dropped is inside or outside: the polynomial has one sign in the whole cell, negative inside.

@@ -1,14 +1,14 @@
 """Pictures of triangle meshes."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from jhd._plot.axes import BLUE, ORANGE, axes_for
 from jhd._plot.faces import frame, shaded_shapes
 from jhd._runtime.argument_hints import belongs
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
+from jhd._shapes.foreign import Axes
 from jhd._shapes.mesh import TriangleMesh, check_mesh, places_of
 
 # More triangles of all meshes together take many seconds to draw, and are smaller than a printed dot.
@@ -17,7 +17,9 @@ _MOST = 20_000
 _CELLS, _COARSER = 256, 0.75
 
 
-def mesh(shape: Any, ax: Any = None, *, color: str = BLUE, label: str | None = None, alpha: float = 1.0) -> Any:
+def mesh(
+    shape: ShapeLike, ax: Axes | None = None, *, color: str = BLUE, label: str | None = None, alpha: float = 1.0
+) -> Axes:
     """Space axes with a triangle mesh; a coarser image is drawn if the mesh has more than 20 000 triangles.
 
     >>> from matplotlib.figure import Figure
@@ -45,13 +47,13 @@ def mesh(shape: Any, ax: Any = None, *, color: str = BLUE, label: str | None = N
 
 @belongs(color="write colors=, one for each")
 def meshes(
-    shapes: Sequence[Any],
-    ax: Any = None,
+    shapes: Sequence[ShapeLike],
+    ax: Axes | None = None,
     *,
     colors: Sequence[str] = (BLUE, ORANGE),
     labels: Sequence[str | None] = ("A", "B"),
     alpha: float = 0.6,
-) -> Any:
+) -> Axes:
     """Space axes with several meshes, drawn together so that faces in front hide faces behind.
 
     If the meshes have more than 20 000 triangles in total, coarser images with merged vertices are drawn.

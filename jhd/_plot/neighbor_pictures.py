@@ -12,8 +12,9 @@ from jhd._plot.colored import pieces_of
 from jhd._plot.curves import curve
 from jhd._plot.faces import shaded_shapes
 from jhd._plot.solutions import bounds_text
-from jhd._shapes.as_shape import as_shape
+from jhd._shapes.as_shape import ShapeLike, as_shape
 from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.foreign import Axes
 
 # Queries that are drawn where nothing is said: more are too many for a page.
 _ROWS = 8
@@ -26,15 +27,15 @@ _ALPHA = 0.6
 
 
 def neighbors(
-    queries: Sequence[Any],
-    shapes: Sequence[Any],
+    queries: Sequence[ShapeLike],
+    shapes: Sequence[ShapeLike],
     found: Neighbors,
-    axes: Any = None,
+    axes: np.ndarray | Sequence[Sequence[Axes]] | None = None,
     *,
     rows: Sequence[int] | None = None,
     query_names: Sequence[str] | None = None,
     names: Sequence[str] | None = None,
-) -> Any:
+) -> np.ndarray:
     """Axes in rows: a query alone, then each of its nearest shapes drawn over it, nearest first, with the distances.
 
     All panels of a row have the same scale. If further shapes may be as near as the last one of a row, their number is
@@ -71,19 +72,19 @@ def neighbors(
     chosen = list(range(min(len(queries), _ROWS)) if rows is None else rows)
     width = 1 + found.index.shape[1]
     dim = as_shape(queries[0]).dim
-    axes = _figure(len(chosen), width, dim) if axes is None else np.asarray(axes)
-    if axes.shape != (len(chosen), width):
-        raise ValueError(f"axes has shape {axes.shape}; needs {(len(chosen), width)}, a row for each query.")
-    for row, panels in zip(chosen, axes, strict=True):
+    drawn = _figure(len(chosen), width, dim) if axes is None else np.asarray(axes)
+    if drawn.shape != (len(chosen), width):
+        raise ValueError(f"axes has shape {drawn.shape}; needs {(len(chosen), width)}, a row for each query.")
+    for row, panels in zip(chosen, drawn, strict=True):
         query = as_shape(queries[row])
         others = [as_shape(shapes[k]) for k in found.index[row]]
         _titled(panels[0], str(row) if query_names is None else query_names[row])
-        for ax, drawn in zip(panels, [[query], *([query, other] for other in others)], strict=True):
-            _draw(ax, drawn)
+        for ax, pair in zip(panels, [[query], *([query, other] for other in others)], strict=True):
+            _draw(ax, pair)
         for place, (ax, k) in enumerate(zip(panels[1:], found.index[row], strict=True)):
             _titled(ax, str(k) if names is None else names[int(k)], _distance(found, row, place))
         _one_scale(panels, [query, *others])
-    return axes
+    return drawn
 
 
 def _figure(rows: int, columns: int, dim: int) -> Any:

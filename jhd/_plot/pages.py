@@ -18,7 +18,7 @@ from jhd._plot.axes import BLUE, GRAY, ORANGE, VERMILLION
 from jhd._plot.colored import DrawnPieces, distances_at, pieces_of
 from jhd._results.solution import HausdorffSolution, name_of
 from jhd._runtime.decimals import lower_text, upper_text
-from jhd._shapes.as_shape import as_shape
+from jhd._shapes.as_shape import ShapeLike, as_shape
 from jhd._shapes.curve import AbstractCurve
 
 PAGE = """\
@@ -148,8 +148,8 @@ _MIDDLE = "#21918c"
 
 
 def page(
-    a: Any,
-    b: Any = None,
+    a: ShapeLike | Deviation,
+    b: ShapeLike | None = None,
     solution: HausdorffSolution | None = None,
     *,
     labels: Sequence[str] = ("A", "B"),

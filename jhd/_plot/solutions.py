@@ -12,8 +12,9 @@ from jhd._plot.implicit import net
 from jhd._plot.mesh_pictures import faces_of
 from jhd._results.solution import HausdorffSolution, MinimumSolution
 from jhd._runtime.decimals import lower_text, upper_text
-from jhd._shapes.as_shape import as_shape
+from jhd._shapes.as_shape import ShapeLike, as_shape
 from jhd._shapes.curve import AbstractCurve
+from jhd._shapes.foreign import Axes
 from jhd._shapes.mesh import TriangleMesh
 
 _COLORS = BLUE, ORANGE
@@ -24,11 +25,11 @@ _ALPHA, _CELLS = 0.6, 48
 
 def witness(
     solution: HausdorffSolution | MinimumSolution,
-    ax: Any = None,
+    ax: Axes | None = None,
     *,
     distance: bool = True,
     empty_circle: bool = True,
-) -> Any:
+) -> Axes:
     """Axes with the witness, its feet, the lines that join them, and the distance in writing.
 
     For a minimum distance, these are the two nearest points and the line between them.
@@ -80,15 +81,15 @@ def witness(
 
 
 def solution(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     solution: HausdorffSolution | MinimumSolution,
-    ax: Any = None,
+    ax: Axes | None = None,
     *,
     labels: Sequence[str] = ("A", "B"),
     control_polygon: bool = True,
     legend: bool = True,
-) -> Any:
+) -> Axes:
     """Axes with both shapes, the witness, its feet and the distance between the shapes.
 
     >>> from matplotlib.figure import Figure

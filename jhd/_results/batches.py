@@ -5,12 +5,15 @@ A batch can be indexed. Its text counts the entries that did not succeed.
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from html import escape
-from typing import Any
+from types import EllipsisType
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd._results.outcomes import RESULTS, names_of
@@ -26,11 +29,14 @@ _SHOWN = (
 # How the bounds among them are written.
 _ENDS = {"lower": lower_text, "upper": upper_text}
 
+Index = ArrayLike | Sequence[int] | slice | EllipsisType | None
+Batch = TypeVar("Batch", bound="AbstractSolution")
+
 
 class AbstractResult(eqx.Module):
     """What an entry point computes, as text, JSON and a table in a notebook."""
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The solution as nested dictionaries, lists, numbers and names.
 
         Returns:
@@ -38,7 +44,7 @@ class AbstractResult(eqx.Module):
         """
         return to_plain(self)
 
-    def to_json(self, **options: Any) -> str:
+    def to_json(self, **options: object) -> str:
         """The solution as JSON text: numbers that are not finite are null, members of enumerations are names.
 
         Args:
@@ -47,7 +53,7 @@ class AbstractResult(eqx.Module):
         Returns:
             The JSON text of `to_dict`.
         """
-        return json.dumps(self.to_dict(), **options)
+        return json.dumps(self.to_dict(), **cast(dict[str, Any], options))
 
     def _repr_html_(self) -> str:
         """The solution in a notebook: a table of its numbers; for a batch the printed text."""
@@ -70,25 +76,25 @@ class AbstractSolution(AbstractResult):
         """Whether all requested bounds and conditions hold; a boolean array if the solution is a batch."""
         return _result(self) == RESULTS.successful
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self: Batch, index: Index | tuple[Index, ...]) -> Batch:
         """Entries of a batch, by an index along its axes, as in NumPy.
 
         Raises:
             TypeError: the solution is not a batch.
             IndexError: the index is outside the batch.
         """
-        shape = _batch_shape(self)
+        shape, entry = _batch_shape(self), cast(Any, index)
         if not shape:
             raise TypeError(
                 f"this {type(self).__name__} is a single result; only a batch, as vmap returns it, can be indexed."
             )
         if not is_traced(index):
             # NumPy says what is outside, where JAX takes what is nearest.
-            np.empty(shape, bool)[index]
-        if is_traced(self, index):
-            return jax.tree_util.tree_map(lambda x: x[index], self)
+            np.empty(shape, bool)[entry]
+        if is_traced(self, entry):
+            return jax.tree_util.tree_map(lambda x: x[entry], self)
         # On the host, where nothing is compiled.
-        return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[index], self))
+        return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[entry], self))
 
 
 def _result(solution: Any) -> Any:

@@ -1,9 +1,10 @@
 """Numbers with certified bounds: lower <= exact <= upper."""
 
-from typing import Any, SupportsFloat
+from typing import NoReturn, SupportsFloat
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Array
 
 from jhd._results.batches import AbstractResult
 from jhd._results.display import fields_shown
@@ -14,9 +15,9 @@ from jhd._runtime.decimals import interval_text
 class AbstractBounds(AbstractResult):
     """A number with certified bounds."""
 
-    value: eqx.AbstractVar[Any]
-    lower: eqx.AbstractVar[Any]
-    upper: eqx.AbstractVar[Any]
+    value: eqx.AbstractVar[Array | float]
+    lower: eqx.AbstractVar[Array | float]
+    upper: eqx.AbstractVar[Array | float]
 
     def __float__(self) -> float:
         if is_traced(self.value):
@@ -31,7 +32,7 @@ class AbstractBounds(AbstractResult):
             raise TypeError("a number format needs one number; this one is traced, or a batch to index.")
         return interval_text(self.lower, self.upper, spec)
 
-    def _compared(self, other: object) -> Any:
+    def _compared(self, other: object) -> NoReturn:
         # Bounds may overlap, so there is no order.
         ask = "compare its value, lower or upper; for distances use hausdorff_at_most or minimum_at_most"
         raise TypeError(f"a {type(self).__name__} is not a number: {ask}.")

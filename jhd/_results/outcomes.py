@@ -1,6 +1,6 @@
 """Enumerations whose members are sentences: results, events, answers and directions."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
@@ -14,6 +14,9 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     `RESULTS[member]` is the sentence of a member.
     """
 
+    if TYPE_CHECKING:
+        # Inherited; type checkers would take it for a member of the base class alone.
+        successful = ""
     gap_not_closed = "The bounds are true but wider than the tolerance: raise max_steps, or raise atol or rtol."
     capacity_reached = (
         "A queue of fixed length is full, so the result is true but wider or incomplete: raise capacity (in some calls "

@@ -6,7 +6,7 @@ leaves have leading axes. JSON and files hold nested dictionaries, lists, number
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -30,6 +30,9 @@ from jhd._results.unproven import NotProvenError as NotProvenError
 from jhd._results.unproven import throw_unless_successful as throw_unless_successful
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import lower_text, point_text, upper_text
+
+Parameters = TypeVar("Parameters")
+Built = TypeVar("Built", bound=eqx.Module)
 
 
 def with_result(solution: Any, result: Any) -> Any:
@@ -91,8 +94,8 @@ class Witness(eqx.Module):
     feet_elements: Int[Array, "*batch feet"]
     feet_params: Float[Array, "*batch feet"] | Float[Array, "*batch feet parameters"]
     multipliers: Float[Array, "*batch feet"]
-    event: Any
-    direction: Any
+    event: EVENTS
+    direction: DIRECTIONS
 
     def __repr__(self) -> str:
         if is_traced(self.t) or np.ndim(self.point) > 1:
@@ -124,7 +127,7 @@ class HausdorffSolution(AbstractBounds, AbstractSolution):
     lower: Float[Array, "*batch"]
     upper: Float[Array, "*batch"]
     witness: Witness
-    result: Any
+    result: RESULTS
     stats: dict[str, Array]
     directed: bool = eqx.field(static=True, default=True)
     # Not stored: it is as much again for each direction.
@@ -133,12 +136,12 @@ class HausdorffSolution(AbstractBounds, AbstractSolution):
     )
 
     @property
-    def event(self) -> Any:
+    def event(self) -> EVENTS:
         """The event of the witness, a member of EVENTS."""
         return self.witness.event
 
     @property
-    def direction(self) -> Any:
+    def direction(self) -> DIRECTIONS:
         """The direction of the witness, a member of DIRECTIONS."""
         return self.witness.direction
 
@@ -174,7 +177,7 @@ class MinimumSolution(AbstractBounds, AbstractSolution):
     upper: Float[Array, "*batch"]
     point_a: Float[Array, "*batch dim"]
     point_b: Float[Array, "*batch dim"]
-    result: Any
+    result: RESULTS
     stats: dict[str, Array]
 
     def __repr__(self) -> str:
@@ -208,7 +211,7 @@ class Projection(AbstractSolution):
     foot: Float[Array, "*batch dim"]
     segment: Int[Array, "*batch"]
     t: Float[Array, "*batch"] | Float[Array, "*batch corners"]
-    result: Any
+    result: RESULTS
 
     def __repr__(self) -> str:
         many = shown_many(self, "distance")
@@ -240,7 +243,7 @@ class StationaryPoints(AbstractSolution):
     upper: Float[Array, "*batch capacity"]
     distance: Float[Array, "*batch capacity"]
     valid: Bool[Array, "*batch capacity"]
-    result: Any
+    result: RESULTS
 
     def __repr__(self) -> str:
         many = shown_many(self, "distance")
@@ -263,7 +266,7 @@ class CriticalPairs(AbstractSolution):
     value: Float[Array, "*batch capacity"]
     witness: Witness
     valid: Bool[Array, "*batch capacity"]
-    result: Any
+    result: RESULTS
 
     def __repr__(self) -> str:
         many = shown_many(self, "value")
@@ -290,10 +293,10 @@ class Decision(AbstractSolution):
         point_b: for a minimum distance, the point of `b` that attains `upper`; otherwise None.
     """
 
-    answer: Any
+    answer: ANSWERS
     lower: Float[Array, "*batch"]
     upper: Float[Array, "*batch"]
-    result: Any
+    result: RESULTS
     stats: dict[str, Array]
     distance: str = eqx.field(static=True, default="two_sided")
     point_a: Float[Array, "*batch dim"] | None = None
@@ -320,7 +323,7 @@ class Decision(AbstractSolution):
         return f"Decision({name_of(self.answer)}, {ends}, {name_of(self.result)}, distance={self.distance})"
 
 
-class FitSolution(AbstractSolution):
+class FitSolution(AbstractSolution, Generic[Parameters, Built]):
     """A shape fitted by its Hausdorff distance to a target, with the certified distance.
 
     `float(solution)` is the distance, or the fitted statistic if there is one.
@@ -340,16 +343,16 @@ class FitSolution(AbstractSolution):
         statistic: the fitted statistic of (target, shape) with its bounds; None for the largest distance.
     """
 
-    parameters: Any
-    shape: Any
+    parameters: Parameters
+    shape: Built
     error: HausdorffSolution
     optimality: Float[Array, ""]
     multipliers: Float[Array, " capacity"]
     pairs: CriticalPairs
-    result: Any
+    result: RESULTS
     stats: dict[str, Array]
     history: Float[Array, " samples"]
-    statistic: Any = None
+    statistic: AbstractBounds | None = None
 
     def __float__(self) -> float:
         return float((self.error if self.statistic is None else self.statistic).value)

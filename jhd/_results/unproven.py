@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -26,9 +27,10 @@ _COARSE = 0.5
 class NotProvenError(RuntimeError):
     """A computation ended without the requested accuracy. `solution` holds its result, whose bounds are true."""
 
-    def __init__(self, message: str, solution: Any):
+    def __init__(self, message: str, solution: eqx.Module):
         super().__init__(message)
-        self.solution = solution
+        # Of many kinds, which the caller knows.
+        self.solution: Any = solution
 
 
 def throw_unless_successful(

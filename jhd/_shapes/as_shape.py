@@ -6,22 +6,27 @@ point clouds of these packages.
 """
 
 from os import PathLike
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
+from typing_extensions import TypeAliasType
 
 from jhd._runtime.arrays import bare_array, is_traced, real_array
 from jhd._runtime.forks import check_process
 from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.bspline import BSplineCurve
 from jhd._shapes.bspline_surface import BSplineSurface
+from jhd._shapes.checks import Table
 from jhd._shapes.curve import AbstractCurve, BezierSegments, point_set
+from jhd._shapes.foreign import ForeignShape
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh, kind_of
 from jhd._shapes.patch import AbstractPatch, BezierPatch
 
 Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
+ShapeLike = TypeAliasType("ShapeLike", Shape | Table | tuple[Table, Table] | ForeignShape)
+"""What functions take as a shape: see `jhd.as_shape`."""
 
 _ACCEPTED = (
     "a shape of jhd, an array of points, a pair (vertices, triangles), a mesh or point cloud (trimesh, Open3D, "
@@ -30,7 +35,7 @@ _ACCEPTED = (
 Spline = BezierCurve | BSplineCurve | BezierPatch | BSplineSurface
 
 
-def as_shape(shape: Any) -> Any:
+def as_shape(shape: ShapeLike) -> Shape:
     """Convert an array or an object of another package to a shape of jhd.
 
     Every function that takes shapes does this by itself. Polygons stand for their boundary rings and meshes for their
@@ -115,9 +120,9 @@ def _converted(value: Any) -> Any:
     if spline is not None:
         return spline
     if hasattr(value, "geom_type"):
-        return BezierSegments.from_shapely(value)
+        return BezierSegments.from_shapely(cast(Any, value))
     if hasattr(value, "vertices") and hasattr(value, "codes"):
-        return BezierSegments.from_path(value)
+        return BezierSegments.from_path(cast(Any, value))
     parts = _parts_of(value)
     return value if parts is None else _assembled(*parts)
 

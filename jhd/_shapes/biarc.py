@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 from jhd._results.display import box_text, count_text, described, most_text, opaque
 from jhd._results.solution import NotProvenError
 from jhd._runtime.arrays import is_traced, real_array
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.biarc_fit import fitted
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
@@ -123,7 +123,7 @@ def _left(xp: Any, x: Any) -> Any:
     return xp.stack([-x[..., 1], x[..., 0]], axis=-1)
 
 
-def biarcs(curve: Any, tolerance: Numbers) -> BiarcCurve:
+def biarcs(curve: ShapeLike, tolerance: Numbers) -> BiarcCurve:
     """Circular arcs that approximate a plane curve, each within `tolerance` of its piece in both directions.
 
     The Hausdorff distance between the curve and all arcs together is at most the largest deviation. The number of arcs

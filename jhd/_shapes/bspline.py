@@ -21,6 +21,7 @@ from jhd._runtime.argument_hints import belongs
 from jhd._runtime.arrays import is_traced, module_of, real_array
 from jhd._shapes.checks import Numbers, check_control_points, check_degrees, checked_between
 from jhd._shapes.curve import AbstractCurve, BezierSegments, affine_image
+from jhd._shapes.foreign import SciPySpline
 from jhd._shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd._shapes.joints import completed
 from jhd._shapes.knots import bezier_pieces, evaluate, insert, parted, ratio, unrolled
@@ -136,7 +137,7 @@ class BSplineCurve(AbstractCurve):
         return cls(points, np.clip(np.arange(count + degree + 1.0) - degree, 0, max(count - degree, 0)), weights)
 
     @classmethod
-    def from_scipy(cls, spline: Any) -> "BSplineCurve":
+    def from_scipy(cls, spline: SciPySpline) -> "BSplineCurve":
         """The curve of a `scipy.interpolate.BSpline` whose coefficients are points.
 
         A spline with extrapolate="periodic" becomes periodic if its knots and coefficients repeat. If they do not,

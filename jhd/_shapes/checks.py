@@ -1,17 +1,21 @@
 """Checks of control points, weights and parameters, common to all curves and parametric surfaces."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
+from typing_extensions import TypeAliasType
 
 from jhd._runtime.arrays import is_traced, real_array
+from jhd._shapes.foreign import ConvertsToArray
 
-# What may be handed in as an array of numbers: nested lists and tuples too, which jax's ArrayLike leaves out.
-Numbers = ArrayLike | Sequence[Any]
+# Nested to the depth of the control points of patches. Text is a sequence of text, so the alias must not be recursive.
+Row = Array | np.ndarray | Sequence[ArrayLike]
+Table = Array | np.ndarray | ConvertsToArray | Sequence[Row]
+Numbers = TypeAliasType("Numbers", ArrayLike | Row | Table | Sequence[Table] | Sequence[Sequence[Table]])
+"""Numbers as functions take them: a number, an array, or lists of these, up to four deep."""
 
 
 def check_control_points(control_points: Array, weights: Array | None, axes: tuple[str, ...]) -> None:
@@ -77,6 +81,15 @@ def largest_weight_ratio(dtype: DTypeLike) -> float:
 
 def _count(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape)) if shape else "no axis"
+
+
+def optional_array(name: str) -> Callable[[Numbers | None], Array | None]:
+    """A converter for a field that holds an array or None."""
+
+    def converted(value: Numbers | None) -> Array | None:
+        return None if value is None else real_array(name, value)
+
+    return converted
 
 
 def checked_between(name: str, t: Numbers, lower: ArrayLike, upper: ArrayLike) -> Array:

@@ -21,6 +21,7 @@ from jhd._shapes import convert, sketches
 from jhd._shapes.approximation import Approximation
 from jhd._shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd._shapes.flattening import flattened, pieces_following
+from jhd._shapes.foreign import HasCoords, HasVertices, ShapelyGeometry
 from jhd._shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd._shapes.joints import checked, completed, followed, joints, linked, turned
 
@@ -44,7 +45,7 @@ class AbstractCurve(eqx.Module):
         """The hodograph: the curve of the first derivatives, over the same parameter."""
 
     @abstractmethod
-    def split(self, t: Numbers) -> tuple[Any, Any]:
+    def split(self, t: Numbers) -> "tuple[AbstractCurve, AbstractCurve]":
         """The two parts of the curve, before and after the parameter t."""
 
     @abstractmethod
@@ -188,7 +189,7 @@ class BezierSegments(AbstractCurve):
         self.links = linked(joints(self.control_points) if next_segment is None else checked(next_segment, self.count))
 
     @property
-    def next_segment(self) -> Any:
+    def next_segment(self) -> Array:
         """For each segment the index of the segment that starts at its end, -1 at a free end."""
         return followed(self.links)
 
@@ -228,7 +229,7 @@ class BezierSegments(AbstractCurve):
         return BezierSegments(*cartesian(homogeneous, self.weights is not None), next_segment)
 
     @staticmethod
-    def from_path(path: Any) -> "BezierSegments":
+    def from_path(path: HasVertices) -> "BezierSegments":
         """The contours of a matplotlib Path, all elevated to their largest degree.
 
         Open contours stay open. CLOSEPOLY adds the closing line unless it has length zero.
@@ -248,7 +249,7 @@ class BezierSegments(AbstractCurve):
         return BezierSegments(control_points, None, completed(next_segment, array_of(control_points)))
 
     @staticmethod
-    def from_shapely(geometry: Any) -> "BezierSegments":
+    def from_shapely(geometry: ShapelyGeometry) -> "BezierSegments":
         """The points and lines of a shapely geometry; a polygon gives its boundary rings, not its interior.
 
         Args:
@@ -488,7 +489,7 @@ def point_set(array: Numbers) -> BezierSegments:
     return BezierSegments(rows[:, None, :])
 
 
-def polyline(points: Any, closed: bool = False) -> BezierSegments:
+def polyline(points: Numbers | HasCoords, closed: bool = False) -> BezierSegments:
     """The straight segments that join consecutive points; a closed polyline also joins the last point to the first.
 
     >>> import jhd

@@ -17,6 +17,7 @@ from jhd._runtime.compiled import optimized
 from jhd._shapes import polynomial_text
 from jhd._shapes.approximation import Approximation
 from jhd._shapes.checks import Numbers
+from jhd._shapes.foreign import SymPyPolynomial
 from jhd._shapes.implicit_mesh import triangulate
 from jhd._shapes.mesh import TriangleMesh
 
@@ -78,7 +79,7 @@ class ImplicitSurface(eqx.Module):
         _check_box(self.lower, self.upper)
 
     @classmethod
-    def parse(cls, polynomial: Any, lower: Numbers, upper: Numbers) -> "ImplicitSurface":
+    def parse(cls, polynomial: str | SymPyPolynomial, lower: Numbers, upper: Numbers) -> "ImplicitSurface":
         """The surface of a polynomial written as text, or of a `sympy.Poly`.
 
         Numbers are exact: 0.1 is one tenth. Repeated factors are removed before any rounding. Then every coefficient is
@@ -238,7 +239,7 @@ def check_surface(name: str, value: object) -> None:
         raise TypeError(f"{name} must be an ImplicitSurface; got {type(value).__name__}.")
 
 
-def _corner(name: str, value: Numbers) -> Array:
+def _corner(name: str, value: Any) -> Array:
     corner = real_array(name, value if is_traced(value) or np.ndim(value) else np.full(3, value))
     if corner.shape != (3,):
         raise ValueError(f"{name} has shape {corner.shape}; needs (3,), or one number for all axes.")

@@ -4,7 +4,7 @@ Common edges and vertices are found from the coordinates. Vertices at the same p
 repeats vertices along seams can still be closed.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from jhd._runtime.arrays import array_of, bare_array, is_traced, module_of, on_h
 from jhd._shapes import sketches
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import affine_image
+from jhd._shapes.foreign import HasVertices, PolyData, Trimesh
 
 # Scenes of trimesh, grids of PyVista.
 _WAYS_TO_MESHES = ("to_mesh", "extract_surface")
@@ -52,7 +53,7 @@ class TriangleMesh(eqx.Module):
         self.triangles = _checked_triangles(triangles, self.vertices.shape[0])
 
     @classmethod
-    def from_object(cls, mesh: Any) -> "TriangleMesh":
+    def from_object(cls, mesh: "TriangleMesh | HasVertices") -> "TriangleMesh":
         """The mesh of an object of another library.
 
         Args:
@@ -74,7 +75,7 @@ class TriangleMesh(eqx.Module):
             raise TypeError(f"mesh must be {needed}; got {kind_of(mesh)}.")
         return cls(bare_array("vertices", vertices), bare_array("faces", faces))
 
-    def to_trimesh(self) -> Any:
+    def to_trimesh(self) -> Trimesh:
         """A trimesh.Trimesh of the same vertices and triangles, in their order.
 
         Raises:
@@ -87,7 +88,7 @@ class TriangleMesh(eqx.Module):
 
         return trimesh.Trimesh(np.asarray(self.vertices), np.asarray(self.triangles), process=False)
 
-    def to_pyvista(self) -> Any:
+    def to_pyvista(self) -> PolyData:
         """A pyvista.PolyData of the same vertices and triangles, in their order.
 
         Raises:

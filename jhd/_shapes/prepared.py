@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from jhd._runtime.arrays import array_of
-from jhd._shapes.as_shape import check_shape, taken_as
+from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.patch import AbstractPatch
 
@@ -34,13 +34,13 @@ class Prepared:
         shape: a shape in its working form, with numbers that are not traced.
     """
 
-    def __init__(self, shape: Any):
+    def __init__(self, shape: object):
         # Copies, as arrays of JAX can share the memory of an array of NumPy that its owner changes later.
         self.shape = jax.tree_util.tree_map(_copied, shape)
         self.size = sum(np.asarray(leaf).nbytes for leaf in jax.tree_util.tree_leaves(shape))
         self._parts: dict[Callable[[Any], Any], Any] = {}
 
-    def part(self, build: Callable[[Any], _R]) -> _R:
+    def part(self, build: Callable[..., _R]) -> _R:
         """The result of a function of the shape, computed once.
 
         Args:
@@ -66,7 +66,7 @@ _known: WeakValueDictionary[bytes, Prepared] = WeakValueDictionary()
 _last: deque[Prepared] = deque()
 
 
-def prepare(shape: Any) -> Prepared:
+def prepare(shape: ShapeLike) -> Prepared:
     """Compute search data of a surface, a mesh or a point set once, and keep them for as long as the result is held.
 
     Distances look up trees, samples and covers by the numbers of a shape, and compute missing data. The last few shapes

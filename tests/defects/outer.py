@@ -180,7 +180,7 @@ DEFECTS = [
     *within(
         "_results/batches.py",
         "test_solution.py",
-        ("np.empty(shape, bool)[index]", "pass", "test_only_a_batch_has_an_index_and_only_within"),
+        ("np.empty(shape, bool)[entry]", "pass", "test_only_a_batch_has_an_index_and_only_within"),
         (
             "numbers if padded is None else numbers[np.asarray(padded)]",
             "numbers",

@@ -9,6 +9,7 @@ import multiprocessing
 import signal
 import threading
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -240,8 +241,9 @@ def test_a_threshold_within_the_bounds_of_a_pair_is_undecided():
 def test_sets_of_points_are_measured_beside_curves():
     shapes = [*clouds(1, 3), CURVES[2], np.array([[0.0, 1.0], [2.0, 2.0]])]
     found = jhd.pairwise(shapes)
+    taken: list[Any] = [jhd.as_shape(shape) for shape in shapes]
     for i, j in ((0, 1), (0, 2), (1, 4)):
-        a, b = (np.asarray(jhd.as_shape(shapes[k]).control_points)[:, 0] for k in (i, j))
+        a, b = (np.asarray(taken[k].control_points)[:, 0] for k in (i, j))
         table = np.linalg.norm(a[:, None] - b, axis=-1)
         exact = max(table.min(axis=1).max(), table.min(axis=0).max())
         assert found.lower[i, j] <= exact * (1 + 1e-15) and exact * (1 - 1e-15) <= found.upper[i, j]
@@ -290,9 +292,9 @@ def test_what_is_no_collection_is_refused(as_a_user):
     with pytest.raises(ValueError, match="shapes is empty"):
         jhd.pairwise([])
     with pytest.raises(TypeError, match=r"others\[1\]: shape must be a shape of jhd"):
-        jhd.pairwise(CURVES, [CURVES[0], 3])
+        jhd.pairwise(CURVES, [CURVES[0], 3])  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match=r"others\[1\]: text is not a shape: jhd\.io\.load_shape"):
-        jhd.pairwise(CURVES, [CURVES[0], "a"])
+        jhd.pairwise(CURVES, [CURVES[0], "a"])  # pyright: ignore[reportArgumentType]
     one = r"(shapes|queries) must be a list of shapes; got a single BezierSegments\."
     for call in (jhd.pairwise, jhd.nearest_shapes, jhd.pivot_distances):
         with pytest.raises(TypeError, match=one):

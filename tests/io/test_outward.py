@@ -1,6 +1,7 @@
 """Shapes to other packages: exact where these can hold them, refused or within a proven deviation where they cannot."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,11 +56,12 @@ def test_rational_shapes_go_to_scipy_in_homogeneous_form_alone():
 def test_surfaces_go_to_the_names_of_geomdl_and_back():
     weights = RANDOM.uniform(0.5, 2, (4, 3))
     for surface in (SPLINES["surface"], jhd.BSplineSurface(RANDOM.normal(size=(4, 3, 3)), KNOTS_U, KNOTS_V, weights)):
-        found = jhd.io.to_geomdl(surface)
+        found: Any = jhd.io.to_geomdl(surface)
         assert found["degree_u"] == 2 and found["degree_v"] == 1 and found["ctrlpts_size_v"] == 3
         # Points run along v first.
         np.testing.assert_array_equal(found["ctrlpts"][1], surface.control_points[0, 1])
-        again = jhd.as_shape(SimpleNamespace(**found))
+        other: Any = SimpleNamespace(**found)
+        again = jhd.as_shape(other)
         assert isinstance(again, jhd.BSplineSurface)
         np.testing.assert_array_equal(again.control_points, surface.control_points)
         np.testing.assert_array_equal(again.knots_u, surface.knots_u)
@@ -123,7 +125,7 @@ def test_what_paths_cannot_hold_is_drawn_by_cubics_within_atol():
     circle = jhd.circle([0, 0], 2)
     with pytest.raises(ValueError, match="curve is rational; paths hold .*: give tolerance for cubics"):
         jhd.io.to_path(circle)
-    path = jhd.io.to_path(circle, 1e-4)
+    path: Any = jhd.io.to_path(circle, 1e-4)
     assert set(path.codes.tolist()) == {1, 4, 79}
     ends = np.asarray(path.vertices)[::3]
     assert len(ends) == 9 and np.abs(np.linalg.norm(ends, axis=1) - 2).max() < 1e-15

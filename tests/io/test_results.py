@@ -1,6 +1,7 @@
 """Saved results: what is read back is what was saved, in JSON and in npz."""
 
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,10 +9,14 @@ import numpy as np
 import pytest
 
 from jhd._distance.deviation_solution import Deviation, DistanceSamples
+from jhd._io import results
 from jhd._io.errors import ParseError
-from jhd._io.results import load_result, save_result
+from jhd._io.results import save_result
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, Bounds, HausdorffSolution, Projection, Witness
 from jhd._shapes.curve import circle, polyline
+
+# Of its contents only these tests know the types.
+load_result: Any = results.load_result
 
 
 def witness(batch=()):
@@ -165,7 +170,8 @@ def test_every_result_of_the_entries_is_kept(suffix, tmp_path):
     }  # fmt: skip
     nothing = DistanceSamples(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2, 2)))
     bounds = Bounds(1.0, 2.0), Bounds(3.0, 4.0), Bounds(5.0, 6.0)
-    found = Deviation(None, None, both, *bounds, nothing, RESULTS.successful, {"parts": 3})
+    line = polyline([[0, 0], [1, 1]])
+    found = Deviation(line, line, both, *bounds, nothing, RESULTS.successful, {"parts": 3})
     save_result(tmp_path / f"b{suffix}", found)
     mean = load_result(tmp_path / f"b{suffix}")["solution"]["mean"]
     assert [float(x) for x in mean.values()] == [1.0, 2.0]

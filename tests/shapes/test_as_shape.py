@@ -1,6 +1,7 @@
 """Objects of other packages become shapes with the same points, in every entry, or are refused by name."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +16,9 @@ from scipy.interpolate import BSpline, NdBSpline
 import jhd
 from jhd import plot
 from jhd._shapes import biarcs, least_tolerance
-from jhd._shapes.as_shape import as_shape
 
+# Its shapes are of the kind that is expected here.
+as_shape: Any = jhd.as_shape
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3]])
 ROWS = np.array([[0.0, 0], [1, 2], [2, -1], [3, 0]])
@@ -148,7 +150,7 @@ def test_pictures_and_arcs_take_what_becomes_a_shape():
     space = Figure().add_subplot(projection="3d")
     assert plot.mesh(MESHES["pyvista"], space) is space
     with pytest.raises(TypeError, match=r"shape: text is not a shape: jhd\.io\.load_shape reads files"):
-        plot.curve("bunny.ply", Figure().add_subplot())
+        plot.curve("bunny.ply", Figure().add_subplot())  # pyright: ignore[reportArgumentType]
 
 
 def test_traced_arrays_are_points_and_vertices_with_derivatives():

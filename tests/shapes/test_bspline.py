@@ -322,7 +322,7 @@ def test_scipy_splines_whose_coefficients_are_no_points_are_refused(coefficients
 
 def test_what_is_no_scipy_spline_is_refused():
     with pytest.raises(TypeError, match=r"spline must be a scipy\.interpolate\.BSpline \(t, c and k\); got tuple\."):
-        BSplineCurve.from_scipy((DOUBLE, POINTS, 3))
+        BSplineCurve.from_scipy((DOUBLE, POINTS, 3))  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match=r"control_points must be real numbers"):
         BSplineCurve.from_scipy(BSpline(DOUBLE, POINTS * 1j, 3))
 
@@ -394,8 +394,8 @@ def test_wrong_values_are_refused(call, message):
         # With the run-time type checks on, those speak first.
         (lambda: BSplineCurve.uniform(POINTS, 2.5), "degree must be an integer; got 2.5|parameter 'degree'"),  # pyright: ignore[reportArgumentType]
         (lambda: BSplineCurve.clamped(POINTS, "3"), "degree must be an integer; got '3'|parameter 'degree'"),  # pyright: ignore[reportArgumentType]
-        (lambda: BSplineCurve("abc", DOUBLE), r"control_points must be real numbers; its dtype is"),
-        (lambda: BSplineCurve(POINTS, ["a"] * 11), r"knots must be real numbers; its dtype is"),
+        (lambda: BSplineCurve("abc", DOUBLE), r"control_points must be real numbers; its dtype is"),  # pyright: ignore[reportArgumentType]
+        (lambda: BSplineCurve(POINTS, ["a"] * 11), r"knots must be real numbers; its dtype is"),  # pyright: ignore[reportArgumentType]
         (lambda: BSplineCurve(POINTS, DOUBLE * 1j), r"knots must be real numbers; its dtype is complex128\."),
         (lambda: BSplineCurve(POINTS, DOUBLE, WEIGHTS * 1j), r"weights must be real numbers; its dtype is"),
     ],

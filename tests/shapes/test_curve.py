@@ -479,7 +479,7 @@ def test_broken_paths_are_refused(path, message):
 
 def test_what_is_no_path_is_refused():
     with pytest.raises(TypeError, match=r"path must be a matplotlib Path \(vertices and codes\); got str\."):
-        BezierSegments.from_path("M 0 0")
+        BezierSegments.from_path("M 0 0")  # pyright: ignore[reportArgumentType]
 
 
 # Geometries
@@ -539,7 +539,7 @@ def test_geometries_that_are_not_finite_are_refused():
 
 def test_what_is_no_geometry_is_refused():
     with pytest.raises(TypeError, match=r"geometry must be a shapely geometry; got list\."):
-        BezierSegments.from_shapely([[0, 0]])
+        BezierSegments.from_shapely([[0, 0]])  # pyright: ignore[reportArgumentType]
 
     class Surface:
         geom_type, is_empty = "Tin", False

@@ -151,13 +151,13 @@ def test_points_are_named_by_barycentric_coordinates():
 
 
 def test_meshes_of_other_libraries_are_taken():
-    trimesh = SimpleNamespace(vertices=CORNERS, faces=CUBE)
+    trimesh: Any = SimpleNamespace(vertices=CORNERS, faces=CUBE)
     open3d: Any = SimpleNamespace(vertices=CORNERS.tolist(), triangles=CUBE.tolist())
     mesh = TriangleMesh.from_object(trimesh)
     np.testing.assert_array_equal(mesh.triangles, TriangleMesh.from_object(open3d).triangles)
     assert TriangleMesh.from_object(mesh) is mesh
     with pytest.raises(TypeError, match="mesh must be a TriangleMesh, or an object with vertices and faces"):
-        TriangleMesh.from_object(CORNERS)
+        TriangleMesh.from_object(CORNERS)  # pyright: ignore[reportArgumentType]
 
 
 def test_other_shapes_are_no_meshes():

@@ -9,6 +9,7 @@ again, with jhd._distance.certificate.verification alone.
 import gzip
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,19 +27,16 @@ from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import lower_text, upper_text
 from jhd._runtime.files import replace_file
-from jhd._shapes.as_shape import taken_as
+from jhd._shapes.as_shape import Shape, ShapeLike, taken_as
 from jhd._shapes.checks import check_same_dim
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.implicit import ImplicitSurface
-from jhd._shapes.mesh import TriangleMesh
-from jhd._shapes.patch import AbstractPatch
 from jhd.progress import Callback, Progress
 
 _KINDS = (
     "points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a "
     "TriangleMesh"
 )
-_Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,34 +50,37 @@ class Certificate:
         CertificateError: the content has another structure. `verify` checks whether it proves its claim.
     """
 
-    content: dict[str, Any]
+    content: dict[str, object]
 
     def __post_init__(self) -> None:
         check_content(self.content)
 
+    def _part(self, name: str) -> Any:
+        return self.content[name]
+
     @property
     def lower(self) -> float:
         """The claimed lower bound."""
-        return float(self.content["claim"]["lower"])
+        return float(self._part("claim")["lower"])
 
     @property
     def upper(self) -> float:
         """The claimed upper bound; inf if none is claimed."""
-        upper = self.content["claim"]["upper"]
+        upper = self._part("claim")["upper"]
         return math.inf if upper is None else float(upper)
 
     @property
     def directed(self) -> bool:
         """Whether the claim is about the distance from `a` to `b` only."""
-        return self.content["claim"]["kind"] == "directed"
+        return self._part("claim")["kind"] == "directed"
 
     @property
     def cells(self) -> int:
         """Number of cells that prove the upper bound; for a minimum distance, of pairs that prove the lower bound."""
-        return sum(map(len, (self.content["cells"] or {}).values()))
+        return sum(map(len, (self._part("cells") or {}).values()))
 
     def __repr__(self) -> str:
-        name = NAMES[self.content["claim"]["kind"]]
+        name = NAMES[self._part("claim")["kind"]]
         return f"Certificate({lower_text(self.lower)} <= {name} <= {upper_text(self.upper)}, {self.cells} cells)"
 
     def verify(self, max_seconds: float | None = None, progress: Callback | None = None) -> Proven:
@@ -98,7 +99,7 @@ class Certificate:
         """
         return verify(self.content, max_seconds, progress)
 
-    def matches(self, a: Any, b: Any) -> bool:
+    def matches(self, a: ShapeLike, b: ShapeLike) -> bool:
         """Whether the claim is about these shapes: their stored arrays must be identical to the last bit.
 
         Args:
@@ -109,7 +110,7 @@ class Certificate:
             True if both shapes match.
         """
         shapes = (plain_shape(taken_as(name, shape)) for name, shape in (("a", a), ("b", b)))
-        return all(digest(self.content[name]) == shape["sha256"] for name, shape in zip("ab", shapes, strict=True))
+        return all(digest(self._part(name)) == shape["sha256"] for name, shape in zip("ab", shapes, strict=True))
 
     def to_json(self) -> str:
         """The certificate as JSON text, with one line for each cell; floats are read back unchanged."""
@@ -125,7 +126,9 @@ class Certificate:
         replace_file(file, gzip.compress(text.encode(), mtime=0) if str(file).endswith(".gz") else text)
 
 
-def verify(content: Any, max_seconds: float | None = None, progress: Callback | None = None) -> Proven:
+def verify(
+    content: Certificate | Mapping[str, object], max_seconds: float | None = None, progress: Callback | None = None
+) -> Proven:
     """Check a certificate completely in exact arithmetic, and return the bounds that it proves.
 
     >>> import jhd
@@ -154,8 +157,8 @@ def verify(content: Any, max_seconds: float | None = None, progress: Callback | 
 
 
 def certify(
-    a: Any,
-    b: Any,
+    a: ShapeLike,
+    b: ShapeLike,
     solution: HausdorffSolution | MinimumSolution | Decision,
     *,
     directed: bool = False,
@@ -223,7 +226,7 @@ def certify(
 
 def _check_arguments(a: object, b: object, solution: object, max_cells: object) -> None:
     for name, shape in (("a", a), ("b", b)):
-        if not isinstance(shape, _Shape):
+        if not isinstance(shape, Shape):
             raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")
     if not isinstance(solution, HausdorffSolution | MinimumSolution | Decision):
         accepted = "a HausdorffSolution, a MinimumSolution or a Decision"
@@ -235,7 +238,7 @@ def _check_arguments(a: object, b: object, solution: object, max_cells: object) 
     for name, shape in (("a", a), ("b", b)):
         if isinstance(shape, ImplicitSurface):
             _check_degrees(name, shape)
-    check_same_dim(*(shape.dim for shape in (a, b) if isinstance(shape, _Shape)))
+    check_same_dim(*(shape.dim for shape in (a, b) if isinstance(shape, Shape)))
 
 
 def _check_degrees(name: str, surface: ImplicitSurface) -> None:

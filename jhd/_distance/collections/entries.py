@@ -37,6 +37,7 @@ from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import check_whole, real_array, same_arrays
 from jhd._runtime.compiled import give_back
+from jhd._shapes.as_shape import ShapeLike
 from jhd._shapes.checks import Numbers
 from jhd.progress import Callback, Progress
 
@@ -64,7 +65,7 @@ class Pairwise(eqx.Module):
     value: Float[np.ndarray, "rows columns"]
     lower: Float[np.ndarray, "rows columns"]
     upper: Float[np.ndarray, "rows columns"]
-    result: Any
+    result: RESULTS
     computed: int
 
     def __repr__(self) -> str:
@@ -94,7 +95,7 @@ class Neighbors(eqx.Module):
     value: Float[np.ndarray, "queries neighbors"]
     lower: Float[np.ndarray, "queries neighbors"]
     upper: Float[np.ndarray, "queries neighbors"]
-    result: Any
+    result: RESULTS
     ties: tuple[np.ndarray, ...]
     computed: int
 
@@ -125,7 +126,7 @@ class PairsWithin(eqx.Module):
     lower: Float[np.ndarray, " pairs"]
     upper: Float[np.ndarray, " pairs"]
     undecided: Int[np.ndarray, "others 2"]
-    result: Any
+    result: RESULTS
     computed: int
 
     def __repr__(self) -> str:
@@ -133,8 +134,8 @@ class PairsWithin(eqx.Module):
 
 
 def pairwise(
-    shapes: Sequence[Any],
-    others: Sequence[Any] | None = None,
+    shapes: Sequence[ShapeLike],
+    others: Sequence[ShapeLike] | None = None,
     method: AbstractHausdorffMethod | None = None,
     *,
     rtol: Numbers | None = None,
@@ -191,8 +192,8 @@ def pairwise(
 
 
 def nearest_shapes(
-    queries: Sequence[Any],
-    shapes: Sequence[Any],
+    queries: Sequence[ShapeLike],
+    shapes: Sequence[ShapeLike],
     k: int = 1,
     method: BranchAndBound | None = None,
     *,
@@ -255,8 +256,8 @@ def nearest_shapes(
 
 
 def pairs_within(
-    shapes: Sequence[Any],
-    others: Sequence[Any] | None = None,
+    shapes: Sequence[ShapeLike],
+    others: Sequence[ShapeLike] | None = None,
     method: BranchAndBound | None = None,
     *,
     threshold: Numbers,
@@ -327,7 +328,11 @@ def pairs_within(
 
 
 def pivot_distances(
-    shapes: Sequence[Any], points: Any = None, *, executor: Executor | None = None, progress: Report = None
+    shapes: Sequence[ShapeLike],
+    points: Numbers | None = None,
+    *,
+    executor: Executor | None = None,
+    progress: Report = None,
 ) -> PivotDistances:
     """Certified distances of shapes from fixed points.
 

@@ -18,7 +18,7 @@ class AbstractMethod(eqx.Module):
 
     @classmethod
     @abstractmethod
-    def serves(cls, a: Any, b: Any) -> bool:
+    def serves(cls, a: object, b: object) -> bool:
         """Whether the method can measure this pair of shapes."""
 
 
@@ -33,7 +33,7 @@ class AbstractCurveMethod(AbstractHausdorffMethod):
     """Options of a method for curves only, and how it measures a pair of curves in common coordinates."""
 
     @classmethod
-    def serves(cls, a: Any, b: Any) -> bool:
+    def serves(cls, a: object, b: object) -> bool:
         """Whether both are curves."""
         return isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
 

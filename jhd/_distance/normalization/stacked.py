@@ -10,12 +10,12 @@ import numpy as np
 from jhd._arithmetic.scaling import unit_weights
 from jhd._distance.normalization.curves import elevation_matrix, padded_count, trusted
 from jhd._runtime.arrays import array_of, is_traced, on_host
-from jhd._shapes.as_shape import check_several, taken_as
+from jhd._shapes.as_shape import ShapeLike, check_several, taken_as
 from jhd._shapes.curve import BezierSegments, check_curve
 from jhd._shapes.joints import linked
 
 
-def stack_curves(curves: Sequence[Any]) -> BezierSegments:
+def stack_curves(curves: Sequence[ShapeLike]) -> BezierSegments:
     """One batch of curves of any degrees and numbers of segments, for vmap and jit.
 
     Each curve is raised to the largest degree. This rounds its control points by a few units in the last place; curves

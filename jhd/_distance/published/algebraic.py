@@ -22,7 +22,8 @@ from jhd._distance.published.events.host_pair import HostPair, check_served
 from jhd._distance.published.events.survivors import EventPieces
 from jhd._distance.published.farthest import best_of
 from jhd._results.solution import HausdorffSolution
-from jhd._runtime.arrays import check_scalar, check_whole, real_array
+from jhd._runtime.arrays import check_scalar, check_whole
+from jhd._shapes.checks import optional_array
 from jhd._shapes.curve import BezierSegments
 
 # Default size of final boxes, as a share of the extent of the pair; Newton's method goes on from there.
@@ -62,9 +63,7 @@ class AlgebraicEvents(AbstractHostMethod):
         ValueError: a negative `box_size`, or a count that is too small.
     """
 
-    box_size: Array | None = eqx.field(
-        default=None, converter=lambda x: None if x is None else real_array("box_size", x)
-    )
+    box_size: Array | None = eqx.field(default=None, converter=optional_array("box_size"))
     capacity: int = eqx.field(static=True, default=256)
     max_boxes: int = eqx.field(static=True, default=2**23)
 

@@ -97,7 +97,7 @@ class CubeIntervals(AbstractHausdorffMethod):
             raise ValueError("ends is 'vertices', which certifies no bound; use it with rule='paper'.")
 
     @classmethod
-    def serves(cls, a: Any, b: Any) -> bool:
+    def serves(cls, a: object, b: object) -> bool:
         """Whether both shapes are implicit surfaces."""
         return isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)
 
@@ -162,7 +162,7 @@ class CubeIntervals(AbstractHausdorffMethod):
         common = _on_one_grid if _same_cube(a, b) and self.cells <= _LARGEST_GRID else _on_two_grids
         return common((a, b), voxels, self.cells)
 
-    def measured(self, p: "_GridCells", q: "_GridCells", scale: "_Scale", direction: Any) -> HausdorffSolution:
+    def measured(self, p: "_GridCells", q: "_GridCells", scale: "_Scale", direction: DIRECTIONS) -> HausdorffSolution:
         """The directed distance from the surface of the cells p to the surface of the cells q.
 
         Args:

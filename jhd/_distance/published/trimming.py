@@ -31,8 +31,9 @@ from jhd._distance.published.events.survivors import EventPieces, SurvivingFeet,
 from jhd._distance.published.farthest import Measured, best_of, measured
 from jhd._distance.published.printed_trimming import printed_trimming
 from jhd._results.solution import RESULTS, HausdorffSolution, result_where
-from jhd._runtime.arrays import check_scalar, check_whole, real_array
+from jhd._runtime.arrays import check_scalar, check_whole
 from jhd._shapes.biarc_fit import fitted
+from jhd._shapes.checks import optional_array
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.deviation import HostCurve, complex_points
 
@@ -96,12 +97,8 @@ class BiarcTrimming(AbstractHostMethod):
             variant.
     """
 
-    box_size: Array | None = eqx.field(
-        default=None, converter=lambda x: None if x is None else real_array("box_size", x)
-    )
-    deviation: Array | None = eqx.field(
-        default=None, converter=lambda x: None if x is None else real_array("deviation", x)
-    )
+    box_size: Array | None = eqx.field(default=None, converter=optional_array("box_size"))
+    deviation: Array | None = eqx.field(default=None, converter=optional_array("deviation"))
     capacity: int = eqx.field(static=True, default=256)
     max_boxes: int = eqx.field(static=True, default=2**23)
     variant: Literal["ours", "paper"] = eqx.field(static=True, default="ours")

@@ -25,7 +25,9 @@ from jhd._distance.normalization.method import AbstractMethod
 from jhd._fields.distance_transform import distance_transform
 from jhd._fields.octree import voxelize
 from jhd._results.solution import RESULTS, MinimumSolution
-from jhd._runtime.arrays import check_whole, is_traced, real_array
+from jhd._runtime.arrays import check_whole, is_traced
+from jhd._shapes.as_shape import ShapeLike
+from jhd._shapes.checks import optional_array
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
@@ -244,7 +246,7 @@ class VoxelPairs(AbstractMethod):
     spacing: float = eqx.field(static=True)
     samples: int = eqx.field(static=True, default=10)
     ties: str = eqx.field(static=True, default="first")
-    origin: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("origin", x))
+    origin: Array | None = eqx.field(default=None, converter=optional_array("origin"))
 
     def __check_init__(self) -> None:
         if not (isinstance(self.spacing, int | float) and 0 < self.spacing < math.inf):
@@ -256,11 +258,11 @@ class VoxelPairs(AbstractMethod):
             raise ValueError(f"origin has shape {self.origin.shape}; needs (3,).")
 
     @classmethod
-    def serves(cls, a: Any, b: Any) -> bool:
+    def serves(cls, a: object, b: object) -> bool:
         """Whether both shapes are surfaces."""
         return isinstance(a, _SERVED) and isinstance(b, _SERVED)
 
-    def minimum(self, a: Any, b: Any) -> MinimumSolution:
+    def minimum(self, a: ShapeLike, b: ShapeLike) -> MinimumSolution:
         """The distance of the nearest samples, as a solution without bounds; called by `jhd.minimum_distance`.
 
         Args:
@@ -284,7 +286,7 @@ class VoxelPairs(AbstractMethod):
         zero, infinite = jnp.zeros_like(value), jnp.full_like(value, jnp.inf)
         return MinimumSolution(value, zero, infinite, point_a, point_b, RESULTS.not_certified, stats)
 
-    def pairs(self, a: Any, b: Any) -> TiedPairs:
+    def pairs(self, a: ShapeLike, b: ShapeLike) -> TiedPairs:
         """All pairs of cubes that are equally near, each with its nearest samples.
 
         Args:

@@ -23,9 +23,10 @@ from jhd._distance.normalization.stopping import Aim, Wanted
 from jhd._distance.search.candidates import Target
 from jhd._distance.search.curves import advance, begin, solution_of
 from jhd._distance.search.solutions import CoveredPair, in_one_go
-from jhd._results.solution import HausdorffSolution
+from jhd._results.solution import DIRECTIONS, HausdorffSolution
 from jhd._runtime.argument_hints import belongs
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array
+from jhd._shapes.checks import Numbers, optional_array
 from jhd._shapes.curve import BezierSegments
 
 Chosen = TypeVar("Chosen", bound=AbstractMethod)
@@ -33,6 +34,10 @@ Chosen = TypeVar("Chosen", bound=AbstractMethod)
 _SURFACE_ROWS = 32
 # Segments of a long curve for each row of its table at first.
 _LONG_SHARE = 8
+
+
+def _relative(given: Numbers) -> Array:
+    return real_array("rtol", given)
 
 
 class BranchAndBound(AbstractHausdorffMethod):
@@ -58,8 +63,8 @@ class BranchAndBound(AbstractHausdorffMethod):
             cells.
     """
 
-    atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
-    rtol: Array = eqx.field(default=0.0, converter=lambda x: real_array("rtol", x))
+    atol: Array | None = eqx.field(default=None, converter=optional_array("atol"))
+    rtol: Array = eqx.field(default=0.0, converter=_relative)
     max_steps: int = eqx.field(static=True, default=4000)
     queue_size: int = eqx.field(static=True, default=512)
 
@@ -71,7 +76,7 @@ class BranchAndBound(AbstractHausdorffMethod):
 
     @classmethod
     @override
-    def serves(cls, a: Any, b: Any) -> bool:
+    def serves(cls, a: object, b: object) -> bool:
         """Whether the method can measure this pair: always true."""
         return True
 
@@ -91,7 +96,7 @@ class BranchAndBound(AbstractHausdorffMethod):
             search = sequential_vmap(search)
         return search(a, b, wanted_of(self, a, frame, aim))
 
-    def directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: Any) -> HausdorffSolution:
+    def directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: DIRECTIONS) -> HausdorffSolution:
         """The directed distance of surfaces in common coordinates, in one loop; called by `jhd.directed_hausdorff`."""
 
         def search(pair: CoveredPair, wanted: Wanted) -> HausdorffSolution:

@@ -40,10 +40,10 @@ from jhd._results.batches import AbstractSolution
 from jhd._results.bounds import AbstractBounds, Bounds
 from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd._results.unproven import relative_tolerance
-from jhd._runtime.arrays import is_traced, is_tracing, real_array, undifferentiated
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd._runtime.decimals import interval_text
-from jhd._shapes.as_shape import taken_as
-from jhd._shapes.checks import Numbers
+from jhd._shapes.as_shape import ShapeLike, taken_as
+from jhd._shapes.checks import Numbers, optional_array
 from jhd._shapes.curve import AbstractCurve
 from jhd._triangles.closest_point import outward
 
@@ -62,8 +62,8 @@ class StatisticSolution(AbstractBounds, AbstractSolution):
     value: Float[Array, ""]
     lower: Float[Array, ""]
     upper: Float[Array, ""]
-    direction: Any
-    result: Any
+    direction: DIRECTIONS
+    result: RESULTS
 
     def __repr__(self) -> str:
         bounds = interval_text(self.lower, self.upper, ".9g")
@@ -88,10 +88,6 @@ def check_statistic(statistic: object) -> None:
     raise TypeError(
         f"statistic must be MaxDistance(), MeanDistance(), RMSDistance() or QuantileDistance(q); got {came}."
     )
-
-
-def _weights(given: Any) -> Array | None:
-    return None if given is None else real_array("weights", given)
 
 
 class Along(NamedTuple):
@@ -122,8 +118,8 @@ class AbstractStatistic(eqx.Module):
 
     def __call__(
         self,
-        a: Any,
-        b: Any,
+        a: ShapeLike,
+        b: ShapeLike,
         *,
         weights: Numbers | None = None,
         rtol: Numbers = 1e-3,
@@ -170,7 +166,7 @@ class AbstractStatistic(eqx.Module):
             _throw_unless_confirmed(found.value, found.solution)
         return eqx.tree_at(lambda x: x.value, found.solution, found.value.guarded())
 
-    def estimate(self, a: Any, b: Any, weights: Numbers | None = None, nodes: int | None = None) -> Array:
+    def estimate(self, a: ShapeLike, b: ShapeLike, weights: Numbers | None = None, nodes: int | None = None) -> Array:
         """The value alone, without bounds, for losses that are evaluated often.
 
         Args:
@@ -275,7 +271,7 @@ class MeanDistance(AbstractStatistic):
     """
 
     directed: bool = eqx.field(default=False, static=True, converter=_directed)
-    weights: Array | None = eqx.field(default=None, converter=_weights)
+    weights: Array | None = eqx.field(default=None, converter=optional_array("weights"))
 
     def _bounds(self, found: Deviation) -> Bounds:
         return found.mean
@@ -296,7 +292,7 @@ class RMSDistance(AbstractStatistic):
     """
 
     directed: bool = eqx.field(default=False, static=True, converter=_directed)
-    weights: Array | None = eqx.field(default=None, converter=_weights)
+    weights: Array | None = eqx.field(default=None, converter=optional_array("weights"))
 
     def _bounds(self, found: Deviation) -> Bounds:
         return found.rms
@@ -328,7 +324,7 @@ class QuantileDistance(AbstractStatistic):
 
     def __init__(self, q: float, directed: bool = False, weights: Numbers | None = None):
         check_share("q", q)
-        self.q, self.directed, self.weights = float(q), _directed(directed), _weights(weights)
+        self.q, self.directed, self.weights = float(q), _directed(directed), optional_array("weights")(weights)
 
     def _bounds(self, found: Deviation) -> Bounds:
         return found.quantile(self.q)

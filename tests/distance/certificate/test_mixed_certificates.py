@@ -158,7 +158,7 @@ def test_what_is_asked_for_is_checked(as_a_user):
     with pytest.raises(ValueError, match="slack is -1; needs one number of at least 0"):
         certify(a, b, solution, slack=-1)
     with pytest.raises(TypeError, match="b must be points, a curve, a parametric surface .*; got HausdorffSolution"):
-        certify(a, solution, solution)
+        certify(a, solution, solution)  # pyright: ignore[reportArgumentType]
     wide = certify(a, b, solution, slack=0.5)
     assert wide.upper == float(solution.upper) + 0.5 and wide.verify().lower == float(solution.lower) - 0.5
 

@@ -3,6 +3,7 @@
 import copy
 import itertools
 import math
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -70,7 +71,8 @@ def test_a_nearest_place_may_lie_next_to_a_face_of_the_box():
     nearest = jhd.minimum_distance(point, bent)
     places = np.array([0.25, -0.5, 1.0]), np.asarray(nearest.point_b) + [0, 1e-18, 0]
     made = certify(point, bent, claim(float(nearest.lower), float(nearest.upper), "minimum", places))
-    assert made.content["witness"]["b"]["at"][1] == 0.0
+    content: Any = made.content
+    assert content["witness"]["b"]["at"][1] == 0.0
     proven = made.verify()
     assert proven.upper is not None and proven.lower <= float(nearest.value) <= proven.upper
 
@@ -127,7 +129,7 @@ def test_the_least_distance_of_a_triangle_and_a_surface():
 
 def test_a_part_without_zeros_is_apart_from_several_pieces():
     points = jhd.point_set([[0.25, 0.5, 1.0], [0.75, 0.5, 1.25]])
-    made = certify(points, flat(0), claim(0.25, math.inf, "minimum", (np.zeros(3), np.zeros(3)))).content
+    made: Any = certify(points, flat(0), claim(0.25, math.inf, "minimum", (np.zeros(3), np.zeros(3)))).content
     (whole,) = made["cells"]["apart"]
     names = ["XX" + "".join(letters) for letters in itertools.product("AB", repeat=5)]
     rows, taken = [{**whole, "pair": name} for name in (*names, "XY", "Y")], 0
@@ -153,7 +155,8 @@ def test_two_surfaces():
 def test_a_point_that_is_a_zero_of_an_even_polynomial_is_proven_exactly():
     single = jhd.ImplicitSurface.parse("(x - 1/2)^2 + y^2 + z^2", [-1] * 3, [1] * 3)
     place = {"at": [0.5, 0.0, 0.0], "way": [0.0, 0.0, 0.0]}
-    made = certify(POINT, flat(0), claim(0.0, 1.5, "minimum", (np.array([0.25, 0.5, 1]), np.array([0.25, 0.5, 0]))))
+    points = np.array([0.25, 0.5, 1]), np.array([0.25, 0.5, 0])
+    made: Any = certify(POINT, flat(0), claim(0.0, 1.5, "minimum", points))
     surface = {"kind": "surface", "lower": [-1.0] * 3, "upper": [1.0] * 3}
     surface["coefficients"] = np.asarray(single.coefficients).tolist()
     content = {**made.content, "b": surface, "witness": {**made.content["witness"], "b": place}}

@@ -54,4 +54,4 @@ def test_what_is_no_batch_is_refused(as_a_user):
     with pytest.raises(TypeError, match="curves must be a list of shapes; got a single BezierSegments"):
         jhd.stack_curves(LINE)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match=r"curves\[1\]"):
-        jhd.stack_curves([LINE, "a"])
+        jhd.stack_curves([LINE, "a"])  # pyright: ignore[reportArgumentType]

@@ -232,7 +232,7 @@ def test_under_jit_and_in_a_batch_the_bounds_hold_too():
 
 def test_other_kinds_and_dimensions_are_refused():
     with pytest.raises(TypeError, match="b must be a shape of jhd.* got int"):
-        minimum_distance(sphere(4), 3)
+        minimum_distance(sphere(4), 3)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="a has 3 coordinates a point and b has 2"):
         minimum_distance(sphere(4), point_set([[0.0, 0]]))
 
