@@ -3,100 +3,270 @@
 import inspect
 import os
 import re
-from typing import Any
+from collections.abc import Callable
+from typing import Any, get_args, get_type_hints
 
 import pytest
+from typing_extensions import TypeAliasType
 
 import jhd
 import jhd._distance
 import jhd._shapes
 import jhd.io
+from jhd.typing import ShapeLike
 from tests.processes import python
 
-# Names of the public interface that are built, with the parameters that they take.
-PARAMETERS = {
-    "BezierCurve": ["control_points", "weights"],
-    "BSplineCurve": ["control_points", "knots", "weights"],
-    "BSplineCurve.uniform": ["control_points", "degree", "closed", "weights"],
-    "BSplineCurve.clamped": ["control_points", "degree", "weights"],
-    "BezierSegments": ["control_points", "weights", "next_segment"],
-    "BezierSegments.join": ["curves"],
-    "BezierSegments.pad": ["self", "count"],
-    "BezierSegments.elevate": ["self", "degree"],
-    "BezierSegments.split": ["self", "t"],
-    "BezierSegments.transform": ["self", "matrix", "offset"],
-    "stack_curves": ["curves"],
-    "pairwise": ["shapes", "others", "method", "executor", "store", "progress"],
-    "nearest_shapes": ["queries", "shapes", "k", "method", "executor", "progress"],
-    "pairs_within": ["shapes", "others", "method", "threshold", "rtol", "atol", "executor", "progress"],
-    "pivot_distances": ["shapes", "points", "executor", "progress"],
-    "Pairwise": ["value", "lower", "upper", "result", "computed"],
-    "Neighbors": ["index", "value", "lower", "upper", "result", "ties", "computed"],
-    "PairsWithin": ["index", "lower", "upper", "undecided", "result", "computed"],
-    "point_set": ["array"],
-    "polyline": ["points", "closed"],
-    "circle": ["center", "radius"],
-    "project": ["points", "shape", "method", "throw"],
-    "stationary_points": ["points", "curve", "capacity", "throw"],
-    "directed_hausdorff": ["a", "b", "method", "rtol", "atol", "throw"],
-    "hausdorff": ["a", "b", "method", "rtol", "atol", "throw"],
-    "certify": ["a", "b", "solution", "directed", "slack", "max_cells", "progress"],
-    "verify": ["content", "max_seconds"],
-    "Certificate": ["content"],
-    "Certificate.matches": ["self", "a", "b"],
-    "hausdorff_at_most": ["a", "b", "threshold", "method", "directed", "rtol", "atol", "progress"],
-    "minimum_at_most": ["a", "b", "threshold", "method", "rtol", "atol", "progress"],
-    "critical_pairs": ["a", "b", "capacity"],
-    "minimize_hausdorff": ["build", "parameters", "target", "starts", "max_steps", "stop_below", "method", "progress"],
-    "fit_outline": ["target", "tolerance", "degree", "smooth", "max_segments", "max_steps", "max_seconds", "progress"],
-    "fit_curve": ["target", "degree", "segments", "ends", "closed", "smooth", "max_steps", "stop_below", "method"],
-    "soft_hausdorff": ["a", "b", "temperature", "method"],
-    "BranchAndBound": ["atol", "rtol", "max_steps", "queue_size"],
-    "published.TwoStep": ["samples", "spacing", "max_rounds", "per", "variant"],
-    "published.AlgebraicEvents": ["box_size", "capacity", "max_boxes"],
-    "published.BiarcTrimming": ["box_size", "deviation", "capacity", "max_boxes", "variant", "pixels"],
-    "published.CubeIntervals": ["cells", "rule", "pairs", "ends"],
-    "ImplicitSurface": ["coefficients", "lower", "upper"],
-    "TriangleMesh": ["vertices", "triangles"],
-    "signed_distance": ["points", "mesh", "sign", "method"],
-    "published.VertexVoxels": ["resolution", "capacity", "transform"],
-    "voxelize": ["surface", "cells", "ranges", "progress"],
-    "biarcs": ["curve", "tolerance"],
-    "distance_map": ["curve", "lower", "upper", "resolution"],
-    "BestFirstProjection": [],
-    "ProjectedPolyhedronProjection": ["capacity"],
-    "IntervalHalvingProjection": ["interval", "tolerance", "max_steps"],
-    "NewtonProjection": ["tolerance", "max_steps"],
-    "HybridProjection": ["interval", "rough", "tolerance", "max_steps"],
-    "HausdorffSolution": ["value", "lower", "upper", "witness", "result", "stats", "directed"],
-    "Witness": ["element", "t", "point", "feet", "feet_elements", "feet_params", "multipliers", "event", "direction"],
-    "Projection": ["distance", "lower", "upper", "foot", "segment", "t", "result"],
-    "StationaryPoints": ["segment", "t", "lower", "upper", "distance", "valid", "result"],
-    "CriticalPairs": ["value", "witness", "valid", "result"],
-    "FitSolution": ["parameters", "shape", "error", "optimality", "result", "stats", "history"],
-    "NotProvenError": ["message", "solution"],
-}
-KEYWORD_ONLY = {
-    "pairwise": ["executor", "store", "progress"],
-    "nearest_shapes": ["executor", "progress"],
-    "pairs_within": ["threshold", "rtol", "atol", "executor", "progress"],
-    "certify": ["directed", "slack", "max_cells", "progress"],
-    "project": ["throw"],
-    "signed_distance": ["method"],
-    "stationary_points": ["capacity", "throw"],
-    "directed_hausdorff": ["rtol", "atol", "throw"],
-    "hausdorff": ["rtol", "atol", "throw"],
-    "minimize_hausdorff": ["temperature", "starts", "seed", "max_steps", "stop_below", "method", "progress"],
-    "fit_curve": ["degree", "segments", "ends", "max_steps", "stop_below", "method"],
-}
 MODULES = [jhd, jhd._shapes, jhd._distance, jhd.io, jhd.published, jhd.typing]
-
-
-def found(path):
-    thing: Any = jhd
-    for part in path.split("."):
-        thing = getattr(thing, part)
-    return thing
+OPEN = [jhd, jhd.io, jhd.plot, jhd.published, jhd.progress, jhd.arithmetic, jhd.typing]
+DUNDERS = "__call__", "__getitem__"
+SIGNATURES = """
+AbstractCurve.__call__(t)
+AbstractCurve.elevate(degree)
+AbstractCurve.split(t)
+AbstractCurve.to_cubics(tolerance, *, max_segments=1000000)
+AbstractCurve.to_polyline(tolerance, *, max_segments=1000000)
+AbstractCurve.transform(matrix, offset=0.0)
+AbstractCurveMethod.directed(a, b, frame, aim)
+AbstractCurveMethod.serves(a, b)
+AbstractMeshSearch.search(points, mesh)
+AbstractMethod.serves(a, b)
+AbstractPatch.__call__(u, v)
+AbstractPatch.partials(u, v)
+AbstractPatch.to_mesh(tolerance, *, max_triangles=2000000)
+AbstractPatch.transform(matrix, offset=0.0)
+AbstractProjectionMethod.one(point, curve, skip)
+AbstractResult.to_json(**options)
+AbstractSolution.__getitem__(index)
+AbstractStatistic.__call__(a, b, *, weights=None, rtol=0.001, atol=None, throw=True)
+AbstractStatistic.estimate(a, b, weights=None, nodes=None)
+AdaptiveDistanceField(lower, spacing, roots, nodes, places, widths, corners, values, tolerance, depth, mode, sign,
+    unresolved)
+AdaptiveDistanceField.__call__(points)
+AdaptiveDistanceField.build(mesh, tolerance, mode='band', *, sign=None, max_depth=12, max_cells=1500000,
+    progress=None, method=None)
+AdaptiveDistanceField.load(path)
+AdaptiveDistanceField.proven_error(mesh, *, rtol=0.25, max_boxes=400000)
+AdaptiveDistanceField.sampled_error(mesh, samples=100000, seed=0)
+AdaptiveDistanceField.save(path)
+AdaptiveDistanceField.to_mesh(resolution)
+Approximation(shape, deviation)
+BSplineCurve(control_points, knots, weights=None, periodic=False)
+BSplineCurve.__call__(t)
+BSplineCurve.clamped(control_points, degree=3, weights=None)
+BSplineCurve.elevate(degree)
+BSplineCurve.from_scipy(spline)
+BSplineCurve.insert_knot(t)
+BSplineCurve.split(t)
+BSplineCurve.transform(matrix, offset=0.0)
+BSplineCurve.uniform(control_points, degree=3, closed=False, weights=None)
+BSplineSurface(control_points, knots_u, knots_v, weights=None)
+BSplineSurface.clamped(control_points, degrees=(3, 3), weights=None)
+BSplineSurface.restrict(u0, u1, v0, v1)
+BSplineSurface.transform(matrix, offset=0.0)
+BestFirstProjection.one(point, curve, skip)
+BezierCurve(control_points, weights=None)
+BezierCurve.__call__(t)
+BezierCurve.elevate(degree)
+BezierCurve.restrict(t0, t1)
+BezierCurve.split(t)
+BezierCurve.transform(matrix, offset=0.0)
+BezierCurve.with_homogeneous(homogeneous)
+BezierPatch(control_points, weights=None)
+BezierPatch.elevate(degree_u, degree_v)
+BezierPatch.restrict(u0, u1, v0, v1)
+BezierPatch.split(t, axis=0)
+BezierPatch.transform(matrix, offset=0.0)
+BezierPatch.with_homogeneous(homogeneous)
+BezierPatches(control_points, weights=None)
+BezierPatches.elevate(degree_u, degree_v)
+BezierPatches.join(surfaces)
+BezierPatches.point(patch, u, v)
+BezierPatches.transform(matrix, offset=0.0)
+BezierSegments(control_points, weights=None, next_segment=None)
+BezierSegments.__call__(t)
+BezierSegments.elevate(degree)
+BezierSegments.from_path(path)
+BezierSegments.from_shapely(geometry)
+BezierSegments.join(curves)
+BezierSegments.pad(count)
+BezierSegments.point(segment, t)
+BezierSegments.restrict(t0, t1)
+BezierSegments.split(t)
+BezierSegments.transform(matrix, offset=0.0)
+BezierSegments.with_homogeneous(homogeneous, next_segment=None)
+BiarcCurve(start, end, bulge, segment, t0, t1, deviation, next_segment)
+Bounds(lower, upper)
+BranchAndBound(atol=None, rtol=0.0, max_steps=4000, queue_size=512)
+BranchAndBound.directed(a, b, frame, aim)
+BranchAndBound.directed_surfaces(pair, frame, aim, direction)
+BranchAndBound.serves(a, b)
+Certificate(content)
+Certificate.matches(a, b)
+Certificate.save(file)
+Certificate.verify(max_seconds=None, progress=None)
+CriticalPairs(value, witness, valid, result)
+Decision(answer, lower, upper, result, stats, distance='two_sided', point_a=None, point_b=None)
+Deviation(a, b, maximum, mean, rms, size, samples, result, stats)
+Deviation.at(params=None)
+Deviation.fraction_within(threshold)
+Deviation.quantile(q)
+Deviation.reached(quantile=None)
+DistanceMap(distance, nearest, lower, spacing, error, arcs)
+DistanceMap.enclose(points)
+DistanceProfile(t, point, distance, lower, upper, foot)
+DistanceSamples(point, lower, upper, fraction, ends)
+DistanceTransform(distance, nearest)
+FitSolution(parameters, shape, error, optimality, multipliers, pairs, result, stats, history, statistic=None)
+HausdorffSolution(value, lower, upper, witness, result, stats, directed=True, directions=None)
+HybridProjection(interval=0.1, rough=0.01, tolerance=1e-14, max_steps=64)
+HybridProjection.one(point, curve, skip)
+ImplicitSurface(coefficients, lower, upper, *, reduced=None)
+ImplicitSurface.__call__(points)
+ImplicitSurface.gradient(points)
+ImplicitSurface.parse(polynomial, lower, upper)
+ImplicitSurface.to_mesh(tolerance, *, max_triangles=2000000)
+ImplicitSurface.transform(matrix, offset=0.0)
+IntervalHalvingProjection(interval=0.1, tolerance=1e-08, max_steps=200)
+IntervalHalvingProjection.one(point, curve, skip)
+MaxDistance(directed=False)
+MeanDistance(directed=False, weights=None)
+MinimumSolution(value, lower, upper, point_a, point_b, result, stats)
+Neighbors(index, value, lower, upper, result, ties, computed)
+NewtonProjection(tolerance=1e-14, max_steps=32)
+NewtonProjection.one(point, curve, skip)
+PairsWithin(index, lower, upper, undecided, result, computed)
+Pairwise(value, lower, upper, result, computed)
+Partials(point, u, v, uu, uv, vv)
+PatchMesh(shape, deviation, patch, u, v)
+PatchMesh.on(surface)
+PivotDistances(points, lower, upper, covering_radius)
+Prepared(shape)
+Prepared.part(build)
+ProjectedPolyhedronProjection(capacity=32)
+ProjectedPolyhedronProjection.one(point, curve, skip)
+Projection(distance, lower, upper, foot, segment, t, result)
+QuantileDistance(q, directed=False, weights=None)
+RMSDistance(directed=False, weights=None)
+StationaryPoints(segment, t, lower, upper, distance, valid, result)
+StatisticSolution(value, lower, upper, direction, result)
+TriangleMesh(vertices, triangles)
+TriangleMesh.from_object(mesh)
+TriangleMesh.point(triangle, t)
+TriangleMesh.transform(matrix, offset=0.0)
+Voxels(cells, lower, spacing, proven)
+Witness(element, t, point, feet, feet_elements, feet_params, multipliers, event, direction)
+arc_length(curve, *, rtol=1e-06, atol=None, max_cells=262144)
+arithmetic.Interval(lower, upper)
+arithmetic.Interval.__getitem__(index)
+arithmetic.Interval.contains(x)
+arithmetic.Interval.exact(x)
+arithmetic.Interval.hull(other)
+arithmetic.Interval.intersection(other)
+arithmetic.Interval.maximum(other)
+arithmetic.Interval.minimum(other)
+arithmetic.Interval.whole(shape=())
+as_shape(shape)
+biarcs(curve, tolerance)
+certify(a, b, solution, *, directed=False, slack=None, max_cells=100000, progress=None)
+circle(center, radius)
+critical_pairs(a, b, capacity=16)
+deviation(a, b, *, rtol=0.001, atol=None, quantile=None, weights=None, max_cells=131072, throw=True, progress=None)
+directed_hausdorff(a, b, method=None, *, rtol=None, atol=None, throw=True, progress=None)
+distance_map(curve, lower, upper, resolution, *, tolerance=None, tile=32)
+distance_profile(a, b, samples=64)
+distance_transform(features, spacing=1.0, *, method='exact')
+fit_curve(target, *, degree, segments=None, tolerance=None, statistic=None, ends='fixed', closed=None, smooth=False,
+    max_steps=60, max_seconds=None, stop_below=0.0, method=None, progress=None)
+fit_outline(target, tolerance, *, degree=3, smooth=False, max_segments=64, max_steps=40, max_seconds=None,
+    progress=None)
+hausdorff(a, b, method=None, *, rtol=None, atol=None, throw=True, progress=None)
+hausdorff_at_most(a, b, threshold, method=None, *, directed=False, rtol=None, atol=None, progress=None)
+io.curve_from_dict(content)
+io.curve_to_dict(curve)
+io.format_path(curve, *, tolerance=None)
+io.load_certificate(file)
+io.load_curve(file)
+io.load_glyph(font, text, *, size=None)
+io.load_glyphs(font, *, size=None)
+io.load_iges(file, unit='MM')
+io.load_mesh(file)
+io.load_points(file)
+io.load_result(file)
+io.load_shape(text)
+io.load_surface(file)
+io.load_svg(file, ids=None, *, y_up=False)
+io.parse_font_spec(spec)
+io.parse_path(d)
+io.save_curve(file, curve)
+io.save_iges(file, shapes, *, unit='MM')
+io.save_mesh(file, mesh, *, text=False)
+io.save_result(file, solution, /, **context)
+io.save_surface(file, surface)
+io.save_svg(file, curves, *, y_up=False, tolerance=None)
+io.surface_from_dict(content)
+io.surface_to_dict(surface)
+io.to_geomdl(surface)
+io.to_path(curve, tolerance=None)
+io.to_scipy(shape, *, homogeneous=False)
+io.to_shapely(curve, tolerance=None, *, filled=False)
+minimize_hausdorff(build, parameters, target, *, statistic=None, temperature=None, starts=1, seed=0, max_steps=60,
+    max_seconds=None, stop_below=0.0, capacity=None, method=None, progress=None)
+minimum_at_most(a, b, threshold, method=None, *, rtol=None, atol=None, progress=None)
+minimum_distance(a, b, method=None, *, rtol=None, atol=None, throw=True, progress=None)
+nearest_shapes(queries, shapes, k=1, method=None, *, rtol=None, atol=None, executor=None, progress=None)
+pairs_within(shapes, others=None, method=None, *, threshold, rtol=None, atol=None, executor=None, progress=None)
+pairwise(shapes, others=None, method=None, *, rtol=None, atol=None, executor=None, store=None, progress=None)
+pivot_distances(shapes, points=None, *, executor=None, progress=None)
+plot.curve(shape, ax=None, *, color='#0072B2', linestyle='-', label=None, control_polygon=True, samples=32)
+plot.deviation(found, ax=None, *, labels=('A', 'B'), unit=None, witness=True, color_bar=True)
+plot.distance_profile(a, b, ax=None, solution=None, *, labels=('A', 'B'), unit='input units', color='#0072B2',
+    samples=None)
+plot.distances(a, b, solution, ax=None, *, labels=('A', 'B'), unit=None, witness=True, color_bar=True)
+plot.histogram(found, ax=None, *, labels=('A', 'B'), unit=None)
+plot.mesh(shape, ax=None, *, color='#0072B2', label=None, alpha=1.0)
+plot.meshes(shapes, ax=None, *, colors=('#0072B2', '#E69F00'), labels=('A', 'B'), alpha=0.6)
+plot.neighbors(queries, shapes, found, axes=None, *, rows=None, query_names=None, names=None)
+plot.page(a, b=None, solution=None, *, labels=('A', 'B'), unit='input units')
+plot.section(shape, cells, ax=None, *, axis=2, at=None, legend=True)
+plot.solution(a, b, solution, ax=None, *, labels=('A', 'B'), control_polygon=True, legend=True)
+plot.surface(shape, ax=None, *, color='#0072B2', label=None, alpha=0.75, cells=48)
+plot.surfaces(shapes, ax=None, *, colors=('#0072B2', '#E69F00'), labels=('A', 'B'), alpha=0.6, cells=48)
+plot.voxels(cells, ax=None, *, colors=('#0072B2', '#D55E00'), legend=True)
+plot.witness(solution, ax=None, *, distance=True, empty_circle=True)
+point_set(array)
+polyline(points, closed=False)
+prepare(shape)
+progress.Progress(stage, done, total=None, lower=None, upper=None, details=mappingproxy({}))
+project(points, shape, method=None, *, throw=True)
+published.AlgebraicEvents(box_size=None, capacity=256, max_boxes=8388608)
+published.AlgebraicEvents.directed(a, b, frame, aim)
+published.BiarcTrimming(box_size=None, deviation=None, capacity=256, max_boxes=8388608, variant='ours', pixels=512)
+published.BiarcTrimming.directed(a, b, frame, aim)
+published.CubeIntervals(cells=64, rule='safe', pairs='separable', ends='cells')
+published.CubeIntervals.cells_of(a, b, progress)
+published.CubeIntervals.directed_surfaces(a, b, *, progress=None)
+published.CubeIntervals.measured(p, q, scale, direction)
+published.CubeIntervals.serves(a, b)
+published.CubeIntervals.surfaces(a, b, *, progress=None)
+published.TiedPairs(cells_a, cells_b, distance, points_a, points_b)
+published.TwoStep(samples=None, spacing='uniform', max_rounds=16, per='segment', variant='ours')
+published.TwoStep.directed(a, b, frame, aim)
+published.VertexVoxels(resolution=None, capacity=16777216, transform='exact')
+published.VertexVoxels.search(points, mesh)
+published.VertexVoxels.voxels(mesh)
+published.VoxelPairs(spacing, samples=10, ties='first', origin=None)
+published.VoxelPairs.minimum(a, b)
+published.VoxelPairs.pairs(a, b)
+published.VoxelPairs.serves(a, b)
+signed_distance(points, mesh, sign=None, *, method=None)
+signed_distance_transform(inside, spacing=1.0)
+soft_hausdorff(a, b, temperature, method=None)
+stack_curves(curves)
+stationary_points(points, curve, *, capacity=32, throw=True)
+surface_area(surface, *, rtol=0.0001, atol=None, max_cells=262144)
+verify(content, max_seconds=None, progress=None)
+voxelize(surface, cells, ranges='bernstein', progress=None)
+"""
 
 
 def public(module):
@@ -104,12 +274,68 @@ def public(module):
     return [(n, x) for n, x in vars(module).items() if not n.startswith("_") and not inspect.ismodule(x)]
 
 
-def test_a_public_name_takes_its_parameters_in_this_order():
-    for path, expected in PARAMETERS.items():
-        parameters = inspect.signature(found(path)).parameters
-        assert [name for name in parameters if name in expected] == expected, path
-        for name in KEYWORD_ONLY.get(path, []):
-            assert parameters[name].kind is inspect.Parameter.KEYWORD_ONLY, f"{path}: {name}"
+def unwrapped(value):
+    """The function of a method, a property or a decorated function; None for other members."""
+    for name in ("__func__", "fget", "method"):
+        value = getattr(value, name, value)
+    return inspect.unwrap(value) if inspect.isfunction(value) else None
+
+
+def public_things():
+    """The functions, classes, methods and aliases of the public modules by name; inherited methods by their class."""
+    found = {}
+    for module in OPEN:
+        for name in module.__all__:
+            thing = getattr(module, name)
+            path = f"{module.__name__}.{name}".removeprefix("jhd.")
+            bases = [c for c in thing.__mro__ if c.__module__.startswith("jhd")] if inspect.isclass(thing) else []
+            found |= {} if inspect.ismodule(thing) or bases else {path: thing}
+            # A name that is exported twice, as that of a class or of its type, stands here once.
+            new = {path if c is thing else c.__name__: c for c in bases if c not in found.values()}
+            own = {f"{where}.{n}": unwrapped(x) for where, c in new.items() for n, x in vars(c).items()}
+            found |= new | {where: x for where, x in own.items() if x and (is_open(where) or where.endswith(DUNDERS))}
+    return found
+
+
+def is_open(path):
+    return not path.rpartition(".")[2].startswith("_")
+
+
+def contains_any(hint) -> bool:
+    """Whether Any stands somewhere in an annotation, also behind the name of an alias."""
+    parts = [hint.__value__] if isinstance(hint, TypeAliasType) else get_args(hint)
+    return hint is Any or any(map(contains_any, hint if isinstance(hint, list) else parts))
+
+
+def test_no_public_parameter_result_or_field_is_any():
+    assert contains_any(list[dict[str, Any]]) and contains_any(Callable[[Any], int]) and not contains_any(ShapeLike)
+    wrong = []
+    for path, thing in public_things().items():
+        if not inspect.isclass(thing) and not inspect.isfunction(thing):
+            hints = {"alias": thing}
+        else:
+            hints = get_type_hints(thing) | (get_type_hints(thing.__init__) if inspect.isclass(thing) else {})
+        wrong += [f"{path}: {name}" for name, hint in hints.items() if is_open(name) and contains_any(hint)]
+    assert not wrong
+
+
+def signature_of(path, thing):
+    """The parameters with their kinds and defaults, without annotations and `self`."""
+    whole = inspect.signature(thing)
+    bare = [p.replace(annotation=p.empty) for p in whole.parameters.values() if p.name not in ("self", "cls")]
+    return f"{path}{whole.replace(parameters=bare, return_annotation=whole.empty)}"
+
+
+def test_a_public_function_or_class_takes_these_parameters():
+    """Methods without parameters, enumerations and exceptions are left out."""
+    enumerations = {"RESULTS", "EVENTS", "ANSWERS", "DIRECTIONS"}
+    taken = {
+        path: thing
+        for path, thing in public_things().items()
+        if (inspect.isclass(thing) and not issubclass(thing, Exception)) or inspect.isfunction(thing)
+    }
+    listed = sorted(signature_of(path, thing) for path, thing in taken.items() if path not in enumerations)
+    assert [x for x in listed if not x.endswith("()")] == SIGNATURES.replace("\n    ", " ").strip().splitlines()
 
 
 def test_a_public_name_has_a_docstring_of_its_own():
