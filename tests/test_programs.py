@@ -20,7 +20,7 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 import jhd
 from jhd._distance.normalization import directions
-from jhd._distance.normalization.from_host import from_host
+from jhd._distance.normalization.host_callback import from_host
 from jhd._distance.witness import balance
 from jhd._runtime import compiled as compiled_module
 from jhd._runtime import programs

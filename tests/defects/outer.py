@@ -169,7 +169,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "_distance/normalization/from_host.py",
+        "_distance/normalization/host_callback.py",
         "test_programs.py",
         (
             "with jax.default_device(device):",

@@ -22,10 +22,10 @@ from jhd._arithmetic.rationals import float_above, float_below, float_near, root
 from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.scaling import common_exponent, length, scale_of
 from jhd._distance.normalization.coordinates import diagonal, extremes
+from jhd._distance.normalization.host_callback import from_program
 from jhd._distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
 from jhd._distance.normalization.stopping import AllowedGap, default_tolerance
 from jhd._distance.search.branch_and_bound import BranchAndBound
-from jhd._distance.search.from_program import from_program
 from jhd._distance.search.search import AbstractSearch, Listener, Standing, drive
 from jhd._distance.search.tree_pairs import MeshBoxes, PairSearch, in_one_unit, mesh_boxes, stored_corners
 from jhd._results.solution import RESULTS, MinimumSolution

@@ -17,6 +17,7 @@ from jhd._distance.cells.foot_maps import Triangles
 from jhd._distance.cells.surfaces import FEET
 from jhd._distance.nearest.target import AbstractTarget, MeshTarget, PointTarget, ProvenFeet
 from jhd._distance.normalization.coordinates import Frame, common_points, diagonal, extremes
+from jhd._distance.normalization.host_callback import AnswerForm, from_program
 from jhd._distance.normalization.net_jets import Net, eta, point_error
 from jhd._distance.normalization.nets import hull_of, net_of, prepare_nets, repeated
 from jhd._distance.normalization.stopping import Aim, AllowedGap, default_tolerance
@@ -28,7 +29,6 @@ from jhd._distance.search.closest_triangles import as_mesh
 from jhd._distance.search.farthest_place import FarthestSearch
 from jhd._distance.search.followed_cells import FollowedFeet, padded_pieces
 from jhd._distance.search.followed_graphs import FollowedGraphs, FollowedOnSurface, places_on_graphs
-from jhd._distance.search.from_program import AnswerForm, from_program
 from jhd._distance.search.mesh_source import MeshSource
 from jhd._distance.search.meshes import mesh_directed
 from jhd._distance.search.on_patches import NetTarget

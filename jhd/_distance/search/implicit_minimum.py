@@ -19,6 +19,7 @@ from jhd._distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd._distance.cells.pairs import BestPair, Cell
 from jhd._distance.nearest.surface_points import exact_radius
 from jhd._distance.normalization.coordinates import Frame, extremes
+from jhd._distance.normalization.host_callback import from_program
 from jhd._distance.normalization.net_jets import Net, jet
 from jhd._distance.normalization.nets import net_of, repeated
 from jhd._distance.normalization.surfaces import Side, prepare_surfaces
@@ -38,7 +39,6 @@ from jhd._distance.search.closest import (
     table_of,
     wanted_gap,
 )
-from jhd._distance.search.from_program import from_program
 from jhd._distance.search.isolated_pairs import isolated_pairs
 from jhd._distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
 from jhd._distance.search.pair_queue import PART, QueuedSearch

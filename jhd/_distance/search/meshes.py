@@ -20,9 +20,9 @@ from typing_extensions import override
 from jhd._distance.cells.surfaces import FEET
 from jhd._distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
 from jhd._distance.normalization.coordinates import diagonal, exact_middle, extremes, frame_of
+from jhd._distance.normalization.host_callback import AnswerForm, from_program
 from jhd._distance.normalization.stopping import Aim, AllowedGap, default_tolerance
 from jhd._distance.search.branch_and_bound import BranchAndBound
-from jhd._distance.search.from_program import AnswerForm, from_program
 from jhd._distance.search.search import AbstractSearch, Listener, Standing, drive
 from jhd._distance.witness.meshes import active_feet, witness_of
 from jhd._results.solution import RESULTS, HausdorffSolution

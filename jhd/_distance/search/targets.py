@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from jhd._distance.nearest.meshes import checked_points
 from jhd._distance.nearest.target import AbstractTarget, MeshTarget, PointTarget, ProvenFeet
-from jhd._distance.normalization.from_host import from_host
+from jhd._distance.normalization.host_callback import from_host
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.nets import net_of
 from jhd._distance.search.on_patches import NetTarget

@@ -24,13 +24,13 @@ from jhd._distance.deviation import check_kinds, checked_weights, deviation
 from jhd._distance.deviation_solution import Deviation, check_share
 from jhd._distance.hausdorff import directed_hausdorff
 from jhd._distance.normalization.custom_derivatives import carrying
+from jhd._distance.normalization.host_callback import answer_in_program
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.project import project
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._distance.search.dispatch import dtype_of
 from jhd._distance.search.points import is_points
 from jhd._distance.statistics.error_control import Estimated
-from jhd._distance.statistics.in_programs import answer_in_program
 from jhd._distance.statistics.level_sets import quantile_over
 from jhd._distance.statistics.pointwise import Sight, told_from_zero
 from jhd._distance.statistics.quadrature import along, net_of, nodes_of, resolved
