@@ -28,7 +28,7 @@ from jhd._results.solution import (
     throw_unless_successful,
 )
 from jhd._results.unproven import relative_tolerance
-from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array, undifferentiated
+from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array, taken, undifferentiated
 from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.checks import Numbers, check_same_dim
 from jhd._shapes.curve import BezierSegments
@@ -251,7 +251,7 @@ def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
         if np.any(flat.lower > 0):
             return True
         largest = np.argsort(flat.upper)[-_LOOKED_AT:]
-        cells, _ = source.cut(cells.take(largest), FlatCells(*(x[largest] for x in flat)))
+        cells, _ = source.cut(cells.take(largest), taken(flat, largest))
         flat = source.flat(cells)
     return bool(np.any(flat.lower > 0))
 

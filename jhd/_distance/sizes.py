@@ -4,14 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from jhd._distance.cells.arc_length_area import FlatCells
 from jhd._distance.deviation import in_space, measured_in, user_measure
 from jhd._distance.deviation_solution import Bounds
 from jhd._distance.search.dispatch import diagonal_of, together
 from jhd._distance.search.points import is_points
-from jhd._distance.search.sources import CellRows
 from jhd._results.unproven import NotProvenError
-from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array
+from jhd._runtime.arrays import check_scalar, check_whole, is_traced, joined, real_array
 from jhd._runtime.decimals import interval_text
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
@@ -124,9 +122,5 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int) -> Bounds:
             raise NotProvenError(f"{max_cells} cells prove {text} only. Raise a tolerance or max_cells.", found)
         parts, _ = source.cut(cells.take(wide), flat.take(wide))
         kept = np.delete(np.arange(len(gap)), wide)
-        cells = CellRows(*map(_after, cells.take(kept), parts))
-        flat = FlatCells(*map(_after, flat.take(kept), source.flat(parts)))
-
-
-def _after(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return np.concatenate([first, second])
+        cells = joined([cells.take(kept), parts])
+        flat = joined([flat.take(kept), source.flat(parts)])

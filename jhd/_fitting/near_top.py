@@ -19,6 +19,7 @@ from jhd._distance.nearest.feet import dot, stays
 from jhd._fitting.clock import Clock
 from jhd._fitting.sampled import CurvePlaces, SampledCurve, SampledFeet
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
+from jhd._runtime.arrays import joined, taken
 
 # Samples whose feet tell a first value of the top, and most samples that get feet, the farthest ones.
 _FIRST, _MOST = 32, 1 << 14
@@ -49,9 +50,7 @@ class NearTop(NamedTuple):
     multipliers: FloatArray
     event: FloatArray
 
-    def take(self, which: Any) -> "NearTop":
-        """Those of an index or mask."""
-        return NearTop(*(x.take(which) if isinstance(x, CurvePlaces) else x[which] for x in self))
+    take = taken
 
 
 class _Intervals(NamedTuple):
@@ -82,22 +81,12 @@ def near_top(carrier: SampledCurve, other: SampledCurve, share: float) -> NearTo
     slope[looked] = dot(carrier.points[looked] - feet.point, carrier.jets(carrier.samples.take(looked)).first)
     inside = _inside(carrier, other, distance, slope, places, least)
     held = _held(carrier, other, np.flatnonzero(_held_samples(carrier, slope) & (distance >= least)))
-    found = _both(inside, held)
+    found = joined([inside, held])
     # The largest sample counts where it exceeds all maxima: along a flat stretch.
     best = np.argmax(distance)
     if not np.max(found.value, initial=-np.inf) >= distance[best] * (1 - _NEARER):
-        found = _both(found, _held(carrier, other, np.array([best])))
+        found = joined([found, _held(carrier, other, np.array([best]))])
     return found.take(found.value >= share * np.max(found.value, initial=0.0))
-
-
-def _both(first: NearTop, second: NearTop) -> NearTop:
-    return NearTop(*(_joined(x, y) for x, y in zip(first, second, strict=True)))
-
-
-def _joined(x: Any, y: Any) -> Any:
-    if isinstance(x, CurvePlaces):
-        return CurvePlaces(*(np.concatenate(pair) for pair in zip(x, y, strict=True)))
-    return np.concatenate([x, y])
 
 
 def _widened(carrier: SampledCurve, wanted: FloatArray) -> FloatArray:
@@ -263,7 +252,7 @@ def pairs_near_top(a: SampledCurve, b: SampledCurve, share: float, capacity: int
     clock.check()
     back = near_top(b, a, share)
     back = back.take(~_repeated(there, back))
-    both = _both(there, back)
+    both = joined([there, back])
     order = np.argsort(-both.value, kind="stable")[:capacity]
     turned = order >= len(there.value)
     found = both.take(order)

@@ -12,6 +12,7 @@ import numpy as np
 
 from jhd._distance.nearest.feet import dot, equation_of, gauss_newton
 from jhd._distance.normalization.jets import CurveJet, polynomial_jet, quotient
+from jhd._runtime.arrays import joined, taken
 
 # Samples from which the foot of a query is looked for.
 _NEAR = 3
@@ -31,9 +32,7 @@ class CurvePlaces(NamedTuple):
     segment: FloatArray
     t: FloatArray
 
-    def take(self, which: Any) -> "CurvePlaces":
-        """Those of an index or mask."""
-        return CurvePlaces(self.segment[which], self.t[which])
+    take = taken
 
 
 class SampledFeet(NamedTuple):
@@ -94,7 +93,7 @@ class SampledCurve:
         gaps, near = (x.reshape(len(points), count) for x in self.tree.query(points, k=count))
         begin = [self.samples.take(column) for column in near.T] + list(starts)
         many = np.tile(points, (len(begin), 1))
-        found = self.followed(many, CurvePlaces(*(np.concatenate(x) for x in zip(*begin, strict=True))))
+        found = self.followed(many, joined(begin))
         best = np.argmin(found.distance.reshape(len(begin), -1), axis=0) * len(points) + np.arange(len(points))
         lost, sample = gaps[:, 0] < found.distance[best] * (1 - _NEARER), self.samples.take(near[:, 0])
         at = CurvePlaces(*(np.where(lost, x, y) for x, y in zip(sample, found.at.take(best), strict=True)))

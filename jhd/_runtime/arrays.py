@@ -173,10 +173,10 @@ def check_whole(name: str, value: object, least: int) -> None:
 
 
 def taken(table: Rows, rows: Any) -> Rows:
-    """Some rows of a table: of a NamedTuple of arrays whose first axes agree."""
-    return type(table)(*(x[rows] for x in table))
+    """Some rows of a table: of a NamedTuple of arrays whose first axes agree, of such tables, and of None."""
+    return jax.tree_util.tree_map(lambda x: x[rows], table)
 
 
 def joined(tables: Sequence[Rows]) -> Rows:
     """The rows of some tables of one type, one table after the other, on the host."""
-    return type(tables[0])(*(np.concatenate(x) for x in zip(*tables, strict=True)))
+    return jax.tree_util.tree_map(lambda *x: np.concatenate(x), *tables)

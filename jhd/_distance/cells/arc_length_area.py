@@ -33,6 +33,7 @@ from jaxtyping import Float
 
 from jhd._arithmetic.bernstein import product_weights
 from jhd._arithmetic.rounding import gamma
+from jhd._runtime.arrays import taken
 
 _ROUNDINGS = gamma(64, np.float64)
 # Sums of many positive terms and a root: far less than this many roundings.
@@ -61,9 +62,7 @@ class FlatCells(NamedTuple):
     controls: Float[np.ndarray, "cells controls 3"]
     off: Float[np.ndarray, " cells"]
 
-    def take(self, rows: Any) -> "FlatCells":
-        """Some of the cells."""
-        return FlatCells(*(x[rows] for x in self))
+    take = taken
 
 
 class _Sized(NamedTuple):

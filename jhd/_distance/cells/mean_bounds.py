@@ -31,7 +31,7 @@ Rounding: sizes are at most `size`, and gamma(64) of it is more than the roundin
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -41,6 +41,7 @@ from jhd._distance.cells.affine import greatest_square, least_square
 from jhd._distance.cells.arc_length_area import FlatCells
 from jhd._distance.cells.normal_offset_bounds import HeightBounds, unknown_bounds
 from jhd._distance.nearest.target import AbstractTarget, ConvexPieces, Flats, ProvenFeet
+from jhd._runtime.arrays import taken
 
 # The mean of |x - c|^2 as a share of the sum over the corners; by their number.
 _SPREAD = {1: 0.0, 2: 1 / 6, 3: 1 / 12, 4: 1 / 12}
@@ -81,9 +82,7 @@ class OverCells(NamedTuple):
     ends: Float[np.ndarray, "cells corners 2"]
     parting: Float[np.ndarray, "cells corners"]
 
-    def take(self, rows: Any) -> "OverCells":
-        """Those of some of the cells."""
-        return OverCells(*(x[rows] for x in self))
+    take = taken
 
 
 class _Above(NamedTuple):
@@ -189,7 +188,7 @@ def _lower(
     if len(doubtful) and not target.sharp:
         # What is near may be far from the nearest.
         _put(found, doubtful, target.nearest(middle[doubtful]))
-        mended = ProvenFeet(*(x[doubtful] for x in found))
+        mended = taken(found, doubtful)
         again = _below(corners[doubtful], target, middle[doubtful], mended, (reach[doubtful], goal))
         least[doubtful], least_mean[doubtful] = (
             np.maximum(x[doubtful], y) for x, y in zip((least, least_mean), again[:2], strict=True)
@@ -321,7 +320,7 @@ def _across(corners: np.ndarray) -> np.ndarray:
 
 def _above(cells: FlatCells, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet, room: np.ndarray) -> _Above:
     """Upper bounds over the cells, of the means, and of the means of squares, with room for roundings."""
-    rows = target.rows_of(found).map(lambda x: x[:, None])
+    rows = target.rows_of(found).take(np.s_[:, None])
     flats = target.flats(rows, cells.corners.astype(middle.dtype))
     far = _beside(cells.controls, flats, target.triangles)  # (cells, flats, controls)
     off, slack, corners = cells.off + room, cells.slack + room, cells.corners

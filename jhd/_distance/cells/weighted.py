@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from jhd._arithmetic.rounding import gamma
 from jhd._distance.cells.affine import shares_below
+from jhd._runtime.arrays import taken
 
 # What the share of a quantile may be off by as a float.
 _ROUNDED = Fraction(1, 2**50)
@@ -68,9 +69,7 @@ class Values(NamedTuple):
     upper: Float[np.ndarray, " cells"]
     ends: Float[np.ndarray, "cells corners 2"]
 
-    def take(self, rows: np.ndarray) -> "Values":
-        """Those of some of the cells."""
-        return Values(*(x[rows] for x in self))
+    take = taken
 
     def within(self, level: float) -> tuple[np.ndarray, np.ndarray]:
         """The least and the largest share of each cell in which values may be at most a level."""

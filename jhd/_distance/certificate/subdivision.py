@@ -30,6 +30,7 @@ from jhd._distance.certificate.verification.polynomials import exponents
 from jhd._distance.certificate.verification.proofs import failure_at_most
 from jhd._distance.certificate.verification.structure import MOST_FEET
 from jhd._distance.nearest.feet import equation_of, foot_speed
+from jhd._runtime.arrays import taken
 
 # Parts into which an exact check may cut a cell here, with one foot and with several; what takes more is cut as a cell.
 _PARTS = {1: 60, 2: 300, 3: 300, 4: 300}
@@ -80,10 +81,7 @@ class _Open(NamedTuple):
     feet: NearFeet
     more: NearFeet
 
-    def take(self, index: np.ndarray) -> "_Open":
-        """Some of them."""
-        feet, more = (NearFeet(*(rows[index] for rows in each)) for each in (self.feet, self.more))
-        return _Open(self.piece[index], self.name[index], self.x[index], self.points[index], feet, more)
+    take = taken
 
 
 class _Maps(NamedTuple):
@@ -98,10 +96,7 @@ class _Maps(NamedTuple):
     weights: np.ndarray | None
     squares: np.ndarray
 
-    def take(self, index: np.ndarray) -> "_Maps":
-        """The maps of some cells."""
-        weights = None if self.weights is None else self.weights[index]
-        return _Maps(self.piece[index], self.x[index], weights, self.squares[index])
+    take = taken
 
 
 def cover_by_cells(

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from typing_extensions import override
 
 from jhd._arithmetic.rounding import gamma
+from jhd._runtime.arrays import taken
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.mesh import TriangleMesh
 from jhd._triangles.closest_point import (
@@ -54,9 +55,7 @@ class ProvenFeet(NamedTuple):
     t: Float[np.ndarray, "points ..."]
     closed: Bool[np.ndarray, " points"]
 
-    def take(self, rows: Any) -> "ProvenFeet":
-        """Copies of some of them."""
-        return ProvenFeet(*(x[rows] for x in self))
+    take = taken
 
 
 class FootRows(NamedTuple):
@@ -73,6 +72,8 @@ class FootRows(NamedTuple):
     error: Float[np.ndarray, "*cells feet"]
     segment: Int[np.ndarray, "*cells feet"]
     t: Float[np.ndarray, "*cells feet parameters"]
+
+    take = taken
 
     def map(self, function: Any) -> "FootRows":
         """The same function of every array."""

@@ -7,6 +7,7 @@ import numpy as np
 from jhd._arithmetic.rounding import smallest_normal
 from jhd._distance.nearest.target import AbstractTarget, FootRows
 from jhd._distance.witness.multipliers import balanced_feet
+from jhd._runtime.arrays import joined
 
 # Points are looked for around the place this far away, and count as nearest within this much; shares of the distance.
 _RING, _EQUAL = 1e-6, 1e-8
@@ -67,10 +68,10 @@ def active_feet(
         # leaves the place farther from it than a small share of the distance.
         around = (place + max(_RING * size, np.sqrt(gap * size), reach) * _CUBE).astype(place.dtype)
         found = follow(target.rows_of(target.nearest(around, close=_SURE * _EQUAL * size)))
-    every = FootRows(*(np.concatenate([x, y]) for x, y in zip(foot, found, strict=True)))
+    every = joined([foot, found])
     distance = np.linalg.norm(place.astype(np.float64) - every.point, axis=1)
     equal = max(_OPEN * gap, _EQUAL * size, 2 * reach)
     # Feet around move with the places that they belong to.
     directions = (free, into) if len(into) < len(free) else (free,)
     rows, shares = balanced_feet(place, every.point, distance, (equal, target.same * size), directions)
-    return every.map(lambda x: x[rows]), shares
+    return every.take(rows), shares

@@ -32,6 +32,7 @@ from jhd._distance.normalization.net_jets import Net, jet
 from jhd._distance.search.followed_cells import FeetOfParts, FollowedFeet, Simplices, corners_of
 from jhd._distance.search.row_batches import each, in_blocks, in_groups
 from jhd._distance.search.sources import CellRows
+from jhd._runtime.arrays import taken
 from jhd._runtime.compiled import compiled, optimized
 
 # Parts of all pieces, about, and most along a parameter of one.
@@ -58,9 +59,7 @@ class _NearPieces(NamedTuple):
     high: Float[np.ndarray, "pairs parameters"]
     start: Float[np.ndarray, "pairs parameters"]
 
-    def take(self, rows: Any) -> "_NearPieces":
-        """Some of them."""
-        return _NearPieces(*(x[rows] for x in self))
+    take = taken
 
 
 class _HeightsSeen(NamedTuple):
@@ -82,9 +81,7 @@ class _Hull(NamedTuple):
     mid: np.ndarray
     rad: np.ndarray
 
-    def take(self, rows: Any) -> "_Hull":
-        """Some of them."""
-        return _Hull(self.mid[rows], self.rad[rows])
+    take = taken
 
 
 class _BoxesOfParts(NamedTuple):

@@ -42,7 +42,7 @@ from jhd._distance.search.surface_source import SurfaceSource
 from jhd._distance.search.targets import target_of, usable
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
-from jhd._runtime.arrays import is_tracing, undifferentiated
+from jhd._runtime.arrays import is_tracing, taken, undifferentiated
 from jhd._shapes.checks import empty_surface
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
@@ -342,7 +342,7 @@ class PointSearch(AbstractSearch):
         found = self._target.nearest(self._points[rows], enough)
         top = int(np.argmax(found.lower))
         if best is None or found.lower[top] > best.lower:
-            foot = ProvenFeet(*(x[top : top + 1] for x in found))
+            foot = taken(found, slice(top, top + 1))
             best = _Farthest(int(rows[top]), foot, float(found.lower[top]))
         settled = max(state.settled, float(np.max(found.upper)))
         return state._replace(measured=state.measured + len(rows), settled=settled, best=best, steps=state.steps + 1)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from typing_extensions import override
 
@@ -23,6 +22,7 @@ from jhd._distance.search.search import AbstractSearch, Standing
 from jhd._distance.search.sources import CellRows
 from jhd._distance.search.weighted_cells import AbstractMeasured
 from jhd._results.solution import RESULTS
+from jhd._runtime.arrays import joined, taken
 
 # Cells cut in a step, at most and, where there are so many, at least; and the share of the gap that they leave.
 _BATCH, _LEAST, _MOST_OF = 1 << 13, 64, 0.8
@@ -62,13 +62,7 @@ class DistanceCells(NamedTuple):
         """Bounds of the distance."""
         return Values(self.over.lower, self.over.upper, self.over.ends)
 
-    def take(self, rows: Any) -> "DistanceCells":
-        """Some of the cells."""
-        return jax.tree_util.tree_map(lambda x: x[rows], self)
-
-    def join(self, other: "DistanceCells") -> "DistanceCells":
-        """These and others."""
-        return jax.tree_util.tree_map(lambda x, y: np.concatenate([x, y]), self, other)
+    take = taken
 
 
 class Distribution(NamedTuple):
@@ -228,7 +222,7 @@ class DistributionSearch(AbstractSearch):
         taken, rest = table.take(order[:count]), table.take(order[count:])
         cells, parent = self._source.cut(taken.cells, taken.flat, taken.over.parting)
         parts = self._bounded(cells, taken.over.take(parent))
-        return _DistributionState(rest.join(parts), state.steps + 1)
+        return _DistributionState(joined([rest, parts]), state.steps + 1)
 
 
 def _left_open(weights: Weights, values: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:

@@ -26,6 +26,7 @@ from jhd._distance.search.polished_place import About
 from jhd._distance.search.search import AbstractSearch, Standing
 from jhd._distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
+from jhd._runtime.arrays import joined, taken
 
 # Feet count together where their distances agree to this many diameters of a cell.
 _TOGETHER = 2.0
@@ -65,7 +66,7 @@ def spread(feet: FootRows, places: np.ndarray) -> FootRows:
         chosen.append(after)
         apart = np.fmin(apart, np.sum((there - there[index, after][:, None]) ** 2, axis=2))
     rows = np.stack(chosen, axis=1)
-    return feet.map(lambda x: x[index[:, None], rows])
+    return feet.take((index[:, None], rows))
 
 
 def put(feet: FootRows, cells: np.ndarray, rows: FootRows) -> None:
@@ -79,17 +80,7 @@ class _Waiting(NamedTuple):
     upper: np.ndarray
     feet: FootRows  # (cells, FEET)
 
-    def take(self, rows: Any) -> "_Waiting":
-        return _Waiting(self.cells.take(rows), self.upper[rows], self.feet.map(lambda x: x[rows]))
-
-    @staticmethod
-    def join(first: "_Waiting", second: "_Waiting") -> "_Waiting":
-        both = lambda x, y: np.concatenate([x, y])  # noqa: E731
-        return _Waiting(
-            CellRows(*map(both, first.cells, second.cells)),
-            both(first.upper, second.upper),
-            FootRows(*map(both, first.feet, second.feet)),
-        )
+    take = taken
 
 
 class _FarthestState(NamedTuple):
@@ -198,7 +189,7 @@ class FarthestSearch(AbstractSearch):
         state = state._replace(waiting=rest, steps=state.steps + 1)
         if not len(cells.piece):
             return state
-        return self._entered(state, cells, taken.upper[parent], taken.feet.map(lambda x: x[parent]))
+        return self._entered(state, cells, taken.upper[parent], taken.feet.take(parent))
 
     def _entered(
         self, state: _FarthestState, cells: CellRows, upper: np.ndarray, feet: FootRows | None
@@ -259,15 +250,15 @@ class FarthestSearch(AbstractSearch):
         goal, rows = self._goal(best), np.arange(len(upper))
         if self._followed is not None:
             order = np.argsort(np.sum((candidates.point - middle[:, None]) ** 2, axis=2), axis=1, kind="stable")
-            ordered = candidates.map(lambda x: x[rows[:, None], order])
+            ordered = candidates.take((rows[:, None], order))
             upper = np.fmin(upper, self._followed.over(cells, ordered, goal))
             rows = np.flatnonzero(upper > goal)
         if len(rows):
-            bound = self._source.over(cells.take(rows), self._target, feet.map(lambda x: x[rows]))
+            bound = self._source.over(cells.take(rows), self._target, feet.take(rows))
             upper[rows] = np.fmin(upper[rows], bound.astype(np.float64))
             rows = rows[upper[rows] > goal]
         if self._graphs is not None and len(rows):
-            bound = self._graphs.over(cells.take(rows), feet.map(lambda x: x[rows]), goal)
+            bound = self._graphs.over(cells.take(rows), feet.take(rows), goal)
             upper[rows] = np.fmin(upper[rows], bound)
         return upper
 
@@ -299,7 +290,7 @@ class FarthestSearch(AbstractSearch):
 
     def _kept(self, state: _FarthestState, new: _Waiting) -> _FarthestState:
         """The state without what cannot matter any more."""
-        every = new if state.waiting is None else _Waiting.join(state.waiting, new)
+        every = new if state.waiting is None else joined([state.waiting, new])
         width = np.max(np.abs(every.cells.high - every.cells.low), axis=1, initial=0.0)
         done = (every.upper <= self._goal(state.best)) | (width <= 16 * unit_roundoff(every.cells.low.dtype))
         settled = max(state.settled, float(np.max(every.upper[done], initial=-np.inf)))
@@ -319,7 +310,7 @@ class FarthestSearch(AbstractSearch):
         k = int(who[row])
         cell, place = divmod(k, places.radius.shape[1])
         x, point = places.parameters[cell, place], places.points[cell, place]
-        foot = self._target.rows_of(ProvenFeet(*(x[row : row + 1] for x in found)))
+        foot = self._target.rows_of(taken(found, slice(row, row + 1)))
         distance = float(found.distance[row])
         return PlaceFound(int(cells.piece[cell]), x, point, foot, max(there, 0.0), distance, float(radius[row]))
 

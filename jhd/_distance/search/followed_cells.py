@@ -38,6 +38,7 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.nets import repeated
 from jhd._distance.search.row_batches import each, in_blocks, in_groups
 from jhd._distance.search.sources import CellRows
+from jhd._runtime.arrays import taken
 from jhd._runtime.compiled import compiled, optimized
 
 # Cells done side by side: few, since often there are no more; of polynomials over them some more.
@@ -74,9 +75,7 @@ class Simplices(NamedTuple):
     shares: np.ndarray
     points: np.ndarray
 
-    def take(self, rows: Any) -> "Simplices":
-        """Some of them."""
-        return Simplices(*(x[rows] for x in self))
+    take = taken
 
     @property
     def places(self) -> np.ndarray:
@@ -90,9 +89,7 @@ class FeetOfParts(NamedTuple):
     segment: np.ndarray
     t: np.ndarray
 
-    def take(self, rows: Any) -> "FeetOfParts":
-        """Those of some of the parts."""
-        return FeetOfParts(self.segment[rows], self.t[rows])
+    take = taken
 
 
 class FollowedFeet:
@@ -190,7 +187,7 @@ class FollowedFeet:
         rows = np.flatnonzero(cut.score > _LEAST)
         if not len(rows):
             return rows, parts.take(rows), feet.take(rows)
-        smaller = self._divided(parts.take(rows), _Cuts(*(x[rows] for x in cut)))
+        smaller = self._divided(parts.take(rows), taken(cut, rows))
         new = self._target.rows_of(self._target.near(smaller.points[:, -1]))
         held = feet.take(np.repeat(rows, len(smaller.piece) // len(rows)))
         both = zip((new.segment[:, None], new.t[:, None]), held, strict=True)

@@ -67,7 +67,7 @@ class FollowedGraphs:
             net = Net(points[np.concatenate([rows, np.full(BLOCK - count, rows[-1])])], None)
             ends = np.zeros((count, 2), points.dtype)
             parts = CellRows(np.arange(count), ends, ends + 1)
-            found = self._feet.instead(net).over(parts, feet.map(lambda x, rows=rows: x[rows]), goal - away)
+            found = self._feet.instead(net).over(parts, feet.take(rows), goal - away)
             bound[rows] = (found + away) * (1 + 4 * unit_roundoff(np.float64))
         return bound
 

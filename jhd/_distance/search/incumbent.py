@@ -12,6 +12,7 @@ from jhd._distance.nearest.target import AbstractTarget, FootRows
 from jhd._distance.search.active_feet import active_feet, reach_of
 from jhd._distance.search.polished_place import About, PlaceOnPiece, SharpenedPlace, polished
 from jhd._distance.search.sources import AbstractSource
+from jhd._runtime.arrays import joined
 
 # A place counts as farther unless more units of roundoff are missing, of the distance and of the coordinates.
 _AS_FAR = 32
@@ -106,7 +107,7 @@ class FartherPlaces:
             found = _farther(best, tried)
             if tried is None or found is not best:
                 return found
-            feet = FootRows(*(np.concatenate(x) for x in zip(feet, tried.foot, strict=True)))
+            feet = joined([feet, tried.foot])
             shares = np.append(0.5 * shares, 0.5)
         return best
 

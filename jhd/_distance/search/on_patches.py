@@ -35,6 +35,7 @@ from jhd._distance.normalization.net_jets import Net, jet, point_error
 from jhd._distance.search.patch_boxes import PatchBoxes, PieceParts, SettledParts
 from jhd._distance.search.patch_samples import SampledStarts, samples_of, starts_among
 from jhd._distance.search.row_batches import BLOCK, each, in_blocks
+from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import compiled, optimized
 from jhd._triangles.closest_point import outward
 
@@ -67,9 +68,7 @@ class _Feet(NamedTuple):
     x: np.ndarray
     point: np.ndarray
 
-    def take(self, rows: Any) -> "_Feet":
-        """Some of the feet."""
-        return _Feet(*(x[rows] for x in self))
+    take = taken
 
     def put(self, rows: np.ndarray, new: "_Feet") -> None:
         """Exchanges some of them."""
@@ -302,7 +301,7 @@ def _halved(cells: PieceParts, axis: np.ndarray) -> PieceParts:
     middle = 0.5 * (cells.low + cells.high)
     first = cells._replace(high=np.where(along, middle, cells.high))
     second = cells._replace(low=np.where(along, middle, cells.low)).take(np.any(cells.low < cells.high, axis=1))
-    return PieceParts(*(np.concatenate(x) for x in zip(first, second, strict=True)))
+    return joined([first, second])
 
 
 def _take_over(feet: _Feet, who: np.ndarray, found: _Feet) -> None:

@@ -11,7 +11,7 @@ control points and of their projections. The projection of a point errs by gamma
 Source: Gottschalk, Lin & Manocha, OBBTree, SIGGRAPH (1996). Directions from patches and cuts on demand are ours.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,6 +20,7 @@ from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.scaling import length, unit
 from jhd._distance.cells.arc_length_area import off_by, restricted
 from jhd._distance.normalization.net_jets import Net
+from jhd._runtime.arrays import joined, taken
 from jhd._triangles.box_tree import WIDTH, box_tree
 
 # Nodes are cut for at least this many pairs of points and nodes; for fewer the calls cost more than they save.
@@ -47,9 +48,7 @@ class PieceParts(NamedTuple):
     high: Float[np.ndarray, "cells parameters"]
     lower: Float[np.ndarray, " cells"]
 
-    def take(self, rows: Any) -> "PieceParts":
-        """Some of the cells."""
-        return PieceParts(*(x[rows] for x in self))
+    take = taken
 
 
 class SettledParts(NamedTuple):
@@ -75,10 +74,6 @@ class _PartNodes(NamedTuple):
     box: np.ndarray
     first: np.ndarray
     children: np.ndarray
-
-    def join(self, other: "_PartNodes") -> "_PartNodes":
-        """These nodes, then others."""
-        return _PartNodes(*(np.concatenate(x) for x in zip(self, other, strict=True)))
 
 
 class PatchBoxes:
@@ -106,7 +101,7 @@ class PatchBoxes:
             nothing = np.full(len(starts), -1), ends[: len(starts)], ends[: len(starts)]
             above = _PartNodes(*nothing, box, self._top[starts], children)
             self._top = len(self._nodes.piece) + np.arange(len(starts))
-            self._nodes = self._nodes.join(above)
+            self._nodes = joined([self._nodes, above])
 
     def near(
         self,
@@ -134,10 +129,10 @@ class PatchBoxes:
         found = []
         for start in range(0, len(points), _TOGETHER):
             rows = slice(start, start + _TOGETHER)
-            part = SettledParts(*(x[rows] for x in settled))
+            part = taken(settled, rows)
             cells = self._descend(points[rows], off[rows], upper[rows], goal[rows], part, power)
             found += [x._replace(who=x.who + start) for x in cells]
-        return PieceParts(*(np.concatenate(x) for x in zip(*found, strict=True)))
+        return joined(found)
 
     def _descend(
         self,
@@ -182,7 +177,7 @@ class PatchBoxes:
         piece, low, high = (np.repeat(x[node], children, axis=0) for x in self._nodes[:3])
         above = np.tile(np.indices((2,) * parameters).reshape(parameters, -1).T == 1, (len(node), 1))
         middle = 0.5 * (low + high)
-        nodes = self._nodes.join(self._parts(piece, np.where(above, middle, low), np.where(above, high, middle)))
+        nodes = joined([self._nodes, self._parts(piece, np.where(above, middle, low), np.where(above, high, middle))])
         nodes.first[node], nodes.children[node] = held + children * np.arange(len(node)), children
         self._nodes = nodes
 

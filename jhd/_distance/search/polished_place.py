@@ -61,7 +61,7 @@ class PlaceOnPiece(NamedTuple):
     def moved(self, feet: FootRows) -> FootRows:
         """Feet on the pieces where they are, moved to where they are nearest to the place."""
         known = np.isfinite(feet.error)
-        there = feet.map(lambda x: x[known])
+        there = feet.take(known)
         found = _followed(self.shapes, self.piece, self.x[None], there)
         feet = feet.map(np.array)
         feet.point[known] = found.foot[0]

@@ -25,6 +25,7 @@ from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows
 from jhd._distance.normalization.net_jets import Net, eta, jet, part_of, point_error
 from jhd._distance.search.polished_place import SharpenedPlace
 from jhd._distance.search.row_batches import each, in_blocks
+from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import compiled
 
 # Cells done side by side: few, since often there are no more.
@@ -43,9 +44,7 @@ class CellRows(NamedTuple):
     low: Float[np.ndarray, "cells parameters"]
     high: Float[np.ndarray, "cells parameters"]
 
-    def take(self, rows: Any) -> "CellRows":
-        """Some of the cells."""
-        return CellRows(*(x[rows] for x in self))
+    take = taken
 
 
 class PlacesOfCells(NamedTuple):
@@ -186,8 +185,8 @@ def cut_along(
     first, second = cells.high.copy(), cells.low.copy()
     first[which, axis], second[which, axis] = middle[which], middle[which]
     rows = np.flatnonzero(which)
-    parts = cells._replace(high=first), cells._replace(low=second).take(rows)
-    return CellRows(*(np.concatenate(x) for x in zip(*parts, strict=True))), np.concatenate([parent, parent[rows]])
+    parts = [cells._replace(high=first), cells._replace(low=second).take(rows)]
+    return joined(parts), np.concatenate([parent, parent[rows]])
 
 
 @compiled

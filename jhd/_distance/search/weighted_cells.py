@@ -23,6 +23,7 @@ from jhd._distance.cells.arc_length_area import (
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.search.mesh_source import MeshSource
 from jhd._distance.search.sources import CellRows, cut_along
+from jhd._runtime.arrays import joined
 
 # A cut that ends this close to a corner ends there, as a share of a side.
 _AT_END = 2.0**-30
@@ -178,8 +179,7 @@ class MeasuredMesh(AbstractMeasured):
         self._off = np.concatenate([self._off, off])
         ends = np.zeros((len(of), 2))
         parts = CellRows(piece, ends, ends + 1)
-        joined = CellRows(*(np.concatenate(pair) for pair in zip(halves, parts, strict=True)))
-        return joined, np.concatenate([whole[parent], rows[of]])
+        return joined([halves, parts]), np.concatenate([whole[parent], rows[of]])
 
     @override
     def flat(self, cells: CellRows) -> FlatCells:

@@ -19,6 +19,7 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.statistics.breakpoints import OnLines, kinks
 from jhd._distance.statistics.pointwise import Seen, Sight
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells
+from jhd._runtime.arrays import joined, taken
 
 # Places of a rule over each part along each parameter, after an even and an odd number of halvings: between the same
 # cuts lines would be the same in a cell and in its part.
@@ -42,9 +43,7 @@ class CellLines(NamedTuple):
     axis: Int[np.ndarray, " lines"]
     end: Float[np.ndarray, " lines"]
 
-    def take(self, rows: np.ndarray) -> "CellLines":
-        """Some of the lines."""
-        return CellLines(*(x[rows] for x in self))
+    take = taken
 
     def place(self, along: np.ndarray) -> np.ndarray:
         """Both parameters, at one along the lines."""
@@ -72,7 +71,7 @@ class CellNodes(NamedTuple):
     def of(self, cells: np.ndarray) -> "CellNodes":
         """Those of some cells, given by a mask, numbered among these."""
         rows = cells[self.cell]
-        return CellNodes(Nodes(*(x[rows] for x in self.nodes)), (np.cumsum(cells) - 1)[self.cell[rows]])
+        return CellNodes(taken(self.nodes, rows), (np.cumsum(cells) - 1)[self.cell[rows]])
 
     def sums(self, values: np.ndarray, cells: int) -> np.ndarray:
         """Sums (cells, columns) of values (places, columns) over each of so many cells."""
@@ -175,16 +174,7 @@ def cut_lines(
     place = np.where(np.isnan(place), cells.low[np.arange(len(across)), 1 - across][:, None], place)
     again = _cut(cells.take(changed), across[changed], cutter, np.concatenate([*ends, place], axis=1)[changed], step)
     again = again._replace(lines=again.lines._replace(cell=changed[again.lines.cell]))
-    return _joined(_taken(first, ~np.isin(lines.cell, changed)), again), settled
-
-
-def _taken(cut: CutLines, rows: np.ndarray) -> CutLines:
-    return CutLines(cut.lines.take(rows), *(x[rows] for x in cut[1:]))
-
-
-def _joined(first: CutLines, second: CutLines) -> CutLines:
-    lines = CellLines(*(np.concatenate(pair) for pair in zip(first.lines, second.lines, strict=True)))
-    return CutLines(lines, *(np.concatenate(pair) for pair in zip(first[1:], second[1:], strict=True)))
+    return joined([taken(first, ~np.isin(lines.cell, changed)), again]), settled
 
 
 def _cut(cells: ParameterCells, across: np.ndarray, cutter: Cutter, others: np.ndarray, step: int) -> CutLines:

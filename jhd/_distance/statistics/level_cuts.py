@@ -8,6 +8,7 @@ from jaxtyping import Bool, Int
 from jhd._distance.statistics.breakpoints import OnLines, meeting
 from jhd._distance.statistics.cut_cells import CellLines, CellNodes, Looked, cut_lines, kind_of, parts_of, ruled
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells
+from jhd._runtime.arrays import joined, taken
 
 # Parts of a line at whose ends the distance is looked at.
 _PARTS = 4
@@ -53,7 +54,7 @@ def cut_at_level(cells: ParameterCells, looked: Looked, across: np.ndarray, leve
     row, column = np.nonzero(~np.isnan(cut.cuts))
     lines = cut.lines.take(row)
     on = CellNodes(Nodes(lines.piece, lines.place(cut.cuts[row, column]), cut.factor[row]), lines.cell)
-    places = CellNodes(Nodes(*(x[inside] for x in rule.places.nodes)), rule.places.cell[inside])
+    places = CellNodes(taken(rule.places.nodes, inside), rule.places.cell[inside])
     return LevelRule(places, on, lines.axis, settled)
 
 
@@ -65,7 +66,7 @@ def _passed(lines: CellLines, looked: Looked, level: float) -> tuple[np.ndarray,
     row = np.repeat(np.arange(len(places)), _PARTS)
     beyond = _turned(lines.take(row), looked, level, *ends)
     # Before and behind what lies beyond, both at once.
-    first, last = (OnLines(*map(np.concatenate, zip(*x, strict=True))) for x in ((ends[0], beyond), (beyond, ends[1])))
+    first, last = (joined(x) for x in ((ends[0], beyond), (beyond, ends[1])))
     found = _crossed(lines.take(np.tile(row, 2)), looked, level, first, last)
     place, label = (x.reshape(2, -1).T.reshape(len(places), -1) for x in found)
     below = ends[0].value.reshape(len(places), _PARTS)[:, :1] <= level
@@ -83,7 +84,7 @@ def _turned(lines: CellLines, looked: Looked, level: float, first: OnLines, last
     for step in range(_TURN_STEPS):
         if len(rows) == 0:
             break
-        some = OnLines(*(x[rows] for x in first)), OnLines(*(x[rows] for x in last))
+        some = taken(first, rows), taken(last, rows)
         kink = meeting(*some)[0]
         smooth = some[0].place + (some[1].place - some[0].place) * some[0].slope / (some[0].slope - some[1].slope)
         at = looked.along(lines.take(rows), kink if step % 2 else smooth)
@@ -94,7 +95,7 @@ def _turned(lines: CellLines, looked: Looked, level: float, first: OnLines, last
         passes = (at.value <= level) != side[rows]
         for held, new in zip(found, at, strict=True):
             held[rows[passes]] = new[passes]
-        left = OnLines(*(x[rows] for x in first)), OnLines(*(x[rows] for x in last))
+        left = taken(first, rows), taken(last, rows)
         rows = rows[~passes & ((meeting(*left)[1] <= level) != side[rows]) & (at.slope != 0)]
     return found
 
@@ -105,7 +106,7 @@ def _crossed(
     """Where the distance passes the level between two places, NaN where it does not, and the label there."""
     found, label = np.full(len(first.place), np.nan), np.full(len(first.place), -1)
     rows = np.flatnonzero((first.value <= level) != (last.value <= level))
-    low, high = (OnLines(*(x[rows] for x in end)) for end in (first, last))
+    low, high = (taken(end, rows) for end in (first, last))
     place = low.place + (high.place - low.place) * (level - low.value) / (high.value - low.value)
     for _ in range(_LEVEL_STEPS):
         if len(rows) == 0:
@@ -122,7 +123,7 @@ def _crossed(
             following = np.where(inside, newton, following)
         moves = (np.abs(following - place) > _STILL) & (np.abs(at.value - level) > _REACHED * abs(level))
         rows, place = rows[moves], following[moves]
-        low, high = (OnLines(*(x[moves] for x in end)) for end in (low, high))
+        low, high = (taken(end, moves) for end in (low, high))
     return found, label
 
 

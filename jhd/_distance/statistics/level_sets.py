@@ -21,7 +21,7 @@ from jhd._distance.statistics.level_cuts import cut_at_level
 from jhd._distance.statistics.pointwise import Sight
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells, along, halved, known_along, nodes_of, whole
 from jhd._distance.statistics.quantiles import quantile_beside, quantile_of
-from jhd._runtime.arrays import undifferentiated
+from jhd._runtime.arrays import joined, undifferentiated
 
 # Places of the rule along each parameter where no curve cuts, and halvings of pieces to begin with at most.
 _RULE, _FIRST = 6, 3
@@ -114,7 +114,7 @@ def quantile_over(net: Net, sight: Sight, b: Any, q: float) -> Estimated | None:
         points, density, _ = along(net, everywhere)
         found = quantile_beside(sight.moving(points, b), jnp.asarray(everywhere.factor) * density, q)
         return found._replace(off=0.0 if missing > _PLATEAU else np.inf)
-    inside, met = (Nodes(*map(np.concatenate, zip(*x, strict=True))) for x in (below.inside, below.met))
+    inside, met = (joined(x) for x in (below.inside, below.met))
     points, *_ = along(net, met)
     change = q * _area(net, everywhere) - _area(net, inside) + jnp.sum(met.factor * sight.moving(points, b))
     return Estimated(level + (change - jax.lax.stop_gradient(change)) / below.slope, max(below.off, missing))

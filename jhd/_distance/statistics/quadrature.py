@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd._arithmetic.scaling import length
 from jhd._distance.normalization.net_jets import Net, jet
+from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import optimized
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.mesh import TriangleMesh
@@ -47,9 +48,7 @@ class ParameterCells(NamedTuple):
     low: Float[np.ndarray, "cells parameters"]
     high: Float[np.ndarray, "cells parameters"]
 
-    def take(self, rows: Any) -> "ParameterCells":
-        """Some of the cells."""
-        return ParameterCells(*(x[rows] for x in self))
+    take = taken
 
 
 class Resolved(NamedTuple):
@@ -161,9 +160,8 @@ def resolved(net: Net, see: Callable[[Net, "Nodes"], Any], most: int | None = No
         cells, values = finer.take(~agreed), below[~agreed]
         if len(cells.piece) == 0:
             break
-    rows = [np.concatenate([getattr(c, name) for c in (*done, cells)]) for name in ParameterCells._fields]
     left = float(np.sum(np.abs(values[:, 0])) / total[0]) if total[0] > 0 else 0.0
-    return Resolved(ParameterCells(*rows), count, left)
+    return Resolved(joined([*done, cells]), count, left)
 
 
 def _integrals(net: Net, see: Callable[[Net, Nodes], Any], cells: ParameterCells, count: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from jhd._distance.cells.weighted import first_reaching
 from jhd._distance.normalization.net_jets import Net, jet
 from jhd._distance.statistics.error_control import Estimated
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells, along, known_along, nodes_of
-from jhd._runtime.arrays import undifferentiated
+from jhd._runtime.arrays import taken, undifferentiated
 from jhd._runtime.compiled import compiled
 
 # Parts of a cell whose ends are looked at, and places of the rule over each for its length.
@@ -39,8 +39,7 @@ class _Parts(NamedTuple):
     first: np.ndarray
     last: np.ndarray
 
-    def take(self, rows: Any) -> "_Parts":
-        return _Parts(*(x[rows] for x in self))
+    take = taken
 
 
 class _Passed(NamedTuple):

@@ -14,6 +14,7 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.statistics.cut_cells import CellNodes, Looked, cut_at_kinks
 from jhd._distance.statistics.pointwise import Seen, Sight
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells, halved, nodes_of, whole
+from jhd._runtime.arrays import joined
 
 # Places of the rule along each parameter.
 _RULE = 6
@@ -83,7 +84,7 @@ def resolved_on_surface(net: Net, sight: Sight) -> tuple[Nodes, float] | None:
         cells, known = finer.take(~agreed), parts.of(~agreed)
         if len(cells.piece) == 0 or looked.count > sight.most:
             break
-    return Nodes(*(np.concatenate(columns) for columns in zip(*done, known.places.nodes, strict=True))), off
+    return joined([*done, known.places.nodes]), off
 
 
 def _ruled(cells: ParameterCells, looked: Looked, step: int) -> _Rule:
@@ -103,7 +104,7 @@ def _ruled(cells: ParameterCells, looked: Looked, step: int) -> _Rule:
     inside, smooth[several] = found
     values[several] = inside.sums(_integrands(inside.nodes, looked.at(inside.nodes)), len(across))
     rest, number = plain.of(~several), np.arange(count)
-    nodes = Nodes(*(np.concatenate(columns) for columns in zip(rest.nodes, inside.nodes, strict=True)))
+    nodes = joined([rest.nodes, inside.nodes])
     cell = np.concatenate([number[~several][rest.cell], number[several][inside.cell]])
     return _Rule(CellNodes(nodes, cell), values, label, smooth)
 
