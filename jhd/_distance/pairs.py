@@ -33,7 +33,6 @@ from jhd._distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd._distance.search.candidates import Target
 from jhd._distance.search.dispatch import dtype_of, mixed_directed
 from jhd._distance.search.farthest import CurveSearch, SurfaceSearch
-from jhd._distance.search.meshes import mesh_directed
 from jhd._distance.search.points import is_points
 from jhd._distance.search.search import Listener, Standing, drive
 from jhd._distance.search.solutions import CoveredPair, target
@@ -47,7 +46,6 @@ from jhd._shapes.as_shape import check_shape, taken_as
 from jhd._shapes.checks import check_same_dim, empty_surface
 from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
-from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.prepared import working
 from jhd.progress import Callback
 
@@ -57,9 +55,12 @@ Report = Callback | None
 class AbstractPair(ABC):
     """Two checked shapes and the method for them."""
 
+    # Leads from the coordinates of the search to the user's; None where these are the same.
+    _frame: Any = None
+
     def length(self, value: Array, toward: float | None = None) -> Any:
-        """A length in the coordinates of the search; by default the user's."""
-        return value
+        """A length in the coordinates of the search."""
+        return value if self._frame is None else self._frame.common(value, toward)
 
     @abstractmethod
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
@@ -88,7 +89,7 @@ class AbstractPair(ABC):
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """The solution in the unit of the shapes."""
-        return solution
+        return solution if self._frame is None else reported(self._frame, solution)
 
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """A reported solution, its value with derivatives in both shapes."""
@@ -132,10 +133,6 @@ class CurvePair(AbstractPair):
         self._listener = Listener(progress, self._frame)
 
     @override
-    def length(self, value: Array, toward: float | None = None) -> Any:
-        return self._frame.common(value, toward)
-
-    @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         a, b = (self._b, self._a) if turned else (self._a, self._b)
         aim = aim_at(level, ceiling, self._a.control_points.dtype)
@@ -162,10 +159,6 @@ class CurvePair(AbstractPair):
         return TracedSearch(run, (method, frame), (a, b), (b, a))
 
     @override
-    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        return reported(self._frame, solution)
-
-    @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         return with_derivatives(solution, *self._given, self._frame)
 
@@ -181,10 +174,6 @@ class SurfacePair(AbstractPair):
         self._method, self._given = method, (a, b)
         self._targets, self._frame = _targets(*self._given)
         self._listener = Listener(progress, self._frame)
-
-    @override
-    def length(self, value: Array, toward: float | None = None) -> Any:
-        return self._frame.common(value, toward)
 
     @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
@@ -204,30 +193,8 @@ class SurfacePair(AbstractPair):
         return TracedSearch(run, (method, frame), there, back)
 
     @override
-    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        return reported(self._frame, solution)
-
-    @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         return with_place_derivatives(solution, *self._given)
-
-
-class MeshPair(AbstractPair):
-    """Two meshes, in their own coordinates, where nothing is differentiated."""
-
-    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
-        self._method, self._meshes, self._listener = method, (a, b), Listener(progress)
-
-    @override
-    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
-        a, b = undifferentiated(self._meshes[::-1] if turned else self._meshes)
-        aim = undifferentiated(aim_at(level, ceiling, a.vertices.dtype))
-        direction = _direction(turned)
-        return in_direction(mesh_directed(a, b, self._method, aim, self._listener, direction), direction)
-
-    @override
-    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        return with_place_derivatives(solution, *self._meshes)
 
 
 class MixedPair(AbstractPair):
@@ -275,7 +242,6 @@ METHODS = BranchAndBound, TwoStep, BiarcTrimming, AlgebraicEvents, CubeIntervals
 _ENGINES: tuple[tuple[type, Callable[..., AbstractPair]], ...] = (
     (AbstractCurve, CurvePair),
     (ImplicitSurface, SurfacePair),
-    (TriangleMesh, MeshPair),
 )
 
 

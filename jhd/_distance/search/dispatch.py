@@ -80,10 +80,10 @@ def mixed_directed(
     Raises:
         ValueError: an implicit surface without points in its box (not under tracing).
     """
-    if isinstance(a, TriangleMesh) and is_points(b):
-        points: Any = as_mesh(b)
-        found = mesh_directed(*undifferentiated((a, points)), method, aim, listener, direction)
-        return with_place_derivatives(found, a, points)
+    other = as_mesh(b) if isinstance(b, TriangleMesh) or is_points(b) else None
+    if isinstance(a, TriangleMesh) and other is not None:
+        found = mesh_directed(*undifferentiated((a, other)), method, aim, listener, direction)
+        return with_place_derivatives(found, a, other)
     found = _directed(*undifferentiated((a, b)), method, aim, listener, direction)
     return with_place_derivatives(found, a, b)
 
