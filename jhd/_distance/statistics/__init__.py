@@ -2,6 +2,6 @@
 
 Distances and their slopes at points of a shape (`pointwise`) are integrated by rules (`quadrature`,
 `surface_quadrature`). The cells of the rules are cut where feet jump (`breakpoints`, `cut_cells`) or the distance
-crosses a level (`level_cuts`, `level_sets`, `quantiles`). A derivative on which two refinements do not agree is refused
-(`error_control`). `in_programs` calls statistics from compiled functions.
+crosses a level (`level_cuts`, `quantiles`). A derivative on which two refinements do not agree is refused
+(`error_control`).
 """

@@ -39,7 +39,7 @@ class CellLines(NamedTuple):
 
     cell: Int[np.ndarray, " lines"]
     piece: Int[np.ndarray, " lines"]
-    start: Float[np.ndarray, "lines 2"]
+    start: Float[np.ndarray, "lines parameters"]
     axis: Int[np.ndarray, " lines"]
     end: Float[np.ndarray, " lines"]
 
@@ -145,6 +145,10 @@ def cut_lines(
         The lines, and whether all lines of each part of a cell meet the same.
     """
     settled = np.ones(len(across), bool)
+    if cells.low.shape[1] == 1:
+        # The cells of a curve are lines themselves.
+        lines = CellLines(np.arange(len(across)), cells.piece, cells.low, across, cells.high[:, 0])
+        return CutLines(lines, np.ones(len(across)), *cutter(lines)), settled
     ends = []
     for end in (cells.low, cells.high):
         border = _border(cells, across, end)

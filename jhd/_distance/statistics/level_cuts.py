@@ -14,7 +14,8 @@ from jhd._runtime.arrays import joined, taken
 _PARTS = 4
 # Looks for a place beyond the level where the distance turns, and steps of Newton or halvings to where it passes it.
 _TURN_STEPS, _LEVEL_STEPS = 8, 40
-# Newton's steps end where they are less than this, or where the distance is the level up to such a share.
+# Newton's steps end where they are less than this, or where the distance is the level up to the rounding of distances
+# and of coordinates, which are at most about one.
 _STILL, _REACHED = 2.0**-50, 2.0**-51
 # Halvings of cells before corners of the level are looked for, and halvings to these.
 _SHARP, _CORNER_HALVINGS = 2, 28
@@ -121,7 +122,7 @@ def _crossed(
             newton = end.place + (level - end.value) / np.where(end.slope != 0, end.slope, 1.0)
             inside = (end.slope != 0) & (newton >= low.place) & (newton <= high.place)
             following = np.where(inside, newton, following)
-        moves = (np.abs(following - place) > _STILL) & (np.abs(at.value - level) > _REACHED * abs(level))
+        moves = (np.abs(following - place) > _STILL) & (np.abs(at.value - level) > _REACHED * max(abs(level), 1.0))
         rows, place = rows[moves], following[moves]
         low, high = (taken(end, moves) for end in (low, high))
     return found, label

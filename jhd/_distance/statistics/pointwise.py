@@ -108,11 +108,6 @@ class Sight:
         corner = np.stack(np.unravel_index(part, (self._cuts,) * 2), axis=1)
         return found._replace(segment=piece, t=(corner + found.t) / self._cuts)
 
-    def near(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances of points and their feet, both times the scale; a point at distance zero is its own foot."""
-        _, distance, apart = self._seen(points)
-        return distance, np.asarray(points) - apart
-
     def _seen(self, points: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray]:
         """What is nearest to points, the distances, and the points less their feet, both times the scale."""
         own = np.asarray(points) / self.scale

@@ -1,11 +1,13 @@
 """Quantiles of the distance along a shape, with derivatives: levels below which a fraction of its length or area lies.
 
-With M(Q) the length of the part with d <= Q and L the whole length, the quantile solves M(Q) = q L. A point with d = Q
-moves with the shapes, by the change of d there over the slope of d. So each of these points counts with
-w = speed / slope, and dQ = (q dL - dM + sum w dd) / sum w, where dM is the derivative of M at fixed parameters.
+With M(Q) the length or area of the part with d <= Q, and L that of the whole, the quantile solves M(Q) = q L. A point
+with d = Q moves with the shapes, by the change of d there over the slope of d. So each point at which a line of a cut
+rule crosses the level counts with w = density / slope, and dQ = (q dL - dM + sum w dd) / sum w, where dM is the
+derivative of M at fixed parameters. The lines run across the cells of a surface; those of a curve are its cells
+themselves. Only cells that the level may cross are examined closely: the distance changes by no more than the point
+moves.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -14,189 +16,253 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._distance.cells.weighted import first_reaching
-from jhd._distance.normalization.net_jets import Net, jet
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.statistics.cut_cells import CellNodes, Looked
 from jhd._distance.statistics.error_control import Estimated
-from jhd._distance.statistics.quadrature import Nodes, ParameterCells, along, known_along, nodes_of
-from jhd._runtime.arrays import taken, undifferentiated
-from jhd._runtime.compiled import compiled
+from jhd._distance.statistics.level_cuts import cut_at_level
+from jhd._distance.statistics.pointwise import Sight
+from jhd._distance.statistics.quadrature import Nodes, ParameterCells, along, halved, known_along, nodes_of, whole
+from jhd._runtime.arrays import joined, undifferentiated
 
-# Parts of a cell whose ends are looked at, and places of the rule over each for its length.
-_PARTS, _RULE = 8, 6
-# Newton steps for the level, and for the places where the distance passes it.
-_LEVEL_STEPS, _PLACE_STEPS = 20, 12
-# On surfaces, the share of places nearest to the level that stand for those on it, and halvings for it.
+# Places of the rule along each parameter where no curve cuts, and halvings of pieces to begin with at most.
+_RULE, _FIRST = 6, 3
+# How far the share of the measure and the density of the level may be off in each of Newton's steps, on curves and on
+# surfaces.
+_OFF = {
+    1: ((1e-3, 1e-2), (1e-6, 1e-3), *((1e-13, 1e-10),) * 5),
+    2: ((1e-3, 1e-2), (1e-6, 1e-3), *((1e-10, 1e-8),) * 5),
+}
+# More than this many times that is surely off; and what may be missing of the share in the end.
+_SURE, _REACHED = 10.0, {1: 1e-12, 2: 1e-7}
+# What rounding leaves of these, in units of roundoff.
+_ROUNDINGS = 64
+# Halvings of a cell in each.
+_HALVINGS = {1: 26, 2: 14}
+# Cells may be this much larger than the places of a rule in them say.
+_BULGE = 1.1
+# The level is none where the share below it is off by this in the end: a whole region is as far.
+_PLATEAU = 1e-4
+# The share of places nearest to the level that stand for those on it, and halvings for it.
 _BESIDE, _BISECTIONS = 0.02, 80
 # Distances that differ by less than this share are the same.
 _SAME = 1e-8
 
 
-class _Parts(NamedTuple):
-    """Parts of the pieces of a curve, in order: pieces, ends, and the distances there."""
+class _MeasuredCells(NamedTuple):
+    """Cells with their measures, the distance from their middles, and how far these are from any place in them."""
 
-    piece: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
+    cells: ParameterCells
+    size: np.ndarray
+    distance: np.ndarray
+    radius: np.ndarray
 
-    take = taken
+    def passed(self, level: float) -> np.ndarray:
+        """Whether the level may pass each."""
+        return np.abs(self.distance - level) <= self.radius
 
 
-class _Passed(NamedTuple):
-    """A level: what of the length lies below it, and where the distance passes it.
+class _Below(NamedTuple):
+    """What lies below a level.
 
     Args:
-        below: the length.
-        piece: of the places.
-        t: likewise.
-        count: speed over slope there.
-        part: the part that each lies in.
+        size: its length or area.
+        slope: the change of that with the level.
+        inside: places and factors over all that lies below.
+        met: places on the level, with the factor that each counts with.
+        off: by what rules over cells still differ from those over their parts, as a share.
     """
 
-    below: float
-    piece: np.ndarray
-    t: np.ndarray
-    count: np.ndarray
-    part: np.ndarray
+    size: float
+    slope: float
+    inside: list[Nodes]
+    met: list[Nodes]
+    off: float
 
 
-def quantile_along(
-    net: Net, cells: ParameterCells, distance: Callable[[Array], Array], feet: Callable[[np.ndarray], Any], q: float
-) -> Estimated | None:
-    """The quantile along a curve; None where the distance passes the level nowhere with a slope.
+def quantile_over(net: Net, sight: Sight, b: Any, q: float, steps: int | None = None) -> Estimated | None:
+    """The quantile over a curve or a surface, None where there are too many pieces.
+
+    Where a whole region is as far, the derivative is that of the places there.
 
     Args:
-        net: the pieces of the curve, differentiable.
-        cells: over which the distance is smooth, but for small ones.
-        distance: of points to the other shape, differentiable.
-        feet: their distances and nearest points, not differentiable.
+        net: the pieces, differentiable.
+        sight: of the other shape.
+        b: the other shape, differentiable.
         q: the share.
+        steps: of Newton at most for the level; few where derivatives need not be confirmed.
     """
     known: Net = undifferentiated(net)
-    parts = _parts(known, cells, feet)
-    lengths = _lengths(known, parts.piece, parts.low, parts.high)
-    level, found = _solved(known, parts, lengths, feet, q)
-    if found is None:
+    looked = Looked(known, sight)
+    first = whole(known)
+    n, parts = net.parameters, 2**net.parameters
+    if (1 + parts) * len(first.piece) * _RULE**n > sight.most:
         return None
-    piece, low, high, inside = _split(parts, level, found)
-    nodes = nodes_of(ParameterCells(piece, low[:, None], high[:, None]), _RULE)
-    counted = nodes.factor * along(net, nodes)[1]
-    below = jnp.sum(counted * np.repeat(inside, _RULE))
-    places, *_ = along(net, Nodes(found.piece, found.t[:, None], np.ones(len(found.t))))
-    there = distance(places)
-    change = q * jnp.sum(counted) - below + jnp.sum(found.count * there)
-    missing = abs(found.below - q * np.sum(lengths)) / np.sum(lengths)
-    return Estimated(level + (change - jax.lax.stop_gradient(change)) / np.sum(found.count), float(missing))
-
-
-def _parts(known: Net, cells: ParameterCells, feet: Callable[[np.ndarray], Any]) -> _Parts:
-    order = np.lexsort((cells.low[:, 0], cells.piece))
-    piece, low, high = cells.piece[order], cells.low[order, 0], cells.high[order, 0]
-    shares = np.arange(_PARTS + 1) / _PARTS
-    ends = low[:, None] * (1 - shares) + high[:, None] * shares
-    at = Nodes(np.repeat(piece, _PARTS + 1), ends.reshape(-1, 1), np.ones(ends.size))
-    values = feet(known_along(known, at)[0])[0].reshape(ends.shape)
-    rows = [np.repeat(piece, _PARTS), ends[:, :-1], ends[:, 1:], values[:, :-1], values[:, 1:]]
-    return _Parts(*(x.ravel() for x in rows))
-
-
-def _lengths(known: Net, piece: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    nodes = nodes_of(ParameterCells(piece, low[:, None], high[:, None]), _RULE)
-    density = known_along(known, nodes)[1]
-    return np.sum((nodes.factor * density).reshape(len(piece), _RULE), axis=1)
-
-
-def _solved(
-    known: Net, parts: _Parts, lengths: np.ndarray, feet: Callable[[np.ndarray], Any], q: float
-) -> tuple[float, _Passed | None]:
-    """The level with the share q below it, by Newton steps between levels that are too low and too high."""
-    wanted = q * np.sum(lengths)
-    low, high = float(min(np.min(parts.first), np.min(parts.last))), float(max(np.max(parts.first), np.max(parts.last)))
-    level, found = _first_level(parts, lengths, wanted, low, high), None
-    for _ in range(_LEVEL_STEPS):
-        found = _level(known, parts, lengths, feet, level)
-        if found.below < wanted:
-            low = max(low, level)
-        else:
-            high = min(high, level)
-        slope = np.sum(found.count)
-        if len(found.t) == 0 or not np.isfinite(slope):
-            return level, None
-        step = (wanted - found.below) / slope
-        following = level + step if low <= level + step <= high else 0.5 * (low + high)
-        if abs(following - level) <= 4 * np.finfo(float).eps * high:
+    for _ in range(_FIRST):
+        if parts * len(first.piece) * _RULE**n <= sight.most / 8:
+            first = halved(first)
+    first = _settled(known, first) if n == 1 else first
+    everywhere = nodes_of(first, _RULE)
+    base = _looked_at(first, looked)
+    weight = everywhere.factor * known_along(known, everywhere)[1]
+    at = looked.at(everywhere)
+    level, total = quantile_of(at.distance, weight, q)[1], float(np.sum(weight))
+    low, high = float(np.min(base.distance - base.radius)), float(np.max(base.distance + base.radius))
+    below, passed = None, False
+    least = _ROUNDINGS * float(np.finfo(net.points.dtype).eps)
+    # At level zero what lies on it has no slope.
+    for off in _OFF[n][:steps] if level > 0 else ():
+        below = _below(base, looked, level, (max(off[0], least), max(off[1], least)), total)
+        passed = below.slope > 0 and bool(np.isfinite(below.slope))
+        if not passed:
             break
-        level = following
-    return level, found
-
-
-def _first_level(parts: _Parts, lengths: np.ndarray, wanted: float, low: float, high: float) -> float:
-    """The level as if the distance were linear over each part."""
-    least, most = np.minimum(parts.first, parts.last), np.maximum(parts.first, parts.last)
-    rise = np.where(most > least, most - least, 1.0)
-    for _ in range(60):
-        level = 0.5 * (low + high)
-        share = np.where(most > least, np.clip((level - least) / rise, 0.0, 1.0), level >= least)
-        low, high = (level, high) if np.sum(share * lengths) < wanted else (low, level)
-    return 0.5 * (low + high)
-
-
-def _level(known: Net, parts: _Parts, lengths: np.ndarray, feet: Callable[[np.ndarray], Any], level: float) -> _Passed:
-    rises = (parts.first <= level) & (parts.last > level)
-    passes = rises | ((parts.first > level) & (parts.last <= level))
-    inside = (parts.first <= level) & (parts.last <= level)
-    index = np.flatnonzero(passes)
-    if len(index) == 0:
-        nothing = np.zeros(0)
-        return _Passed(float(np.sum(lengths[inside])), index, nothing, nothing, index)
-    some = parts.take(index)
-    rising = rises[index]
-    low, high = some.low.copy(), some.high.copy()
-    t = low + (high - low) * (level - some.first) / (some.last - some.first)
-    count = np.ones(len(t))
-    for _ in range(_PLACE_STEPS):
-        points, tangent = (np.asarray(x) for x in _tangents(known, some.piece, t))
-        d, foot = feet(points)
-        slope = np.sum((points - foot) * tangent, axis=1) / np.where(d > 0, d, 1.0)
-        with np.errstate(divide="ignore"):
-            count = np.linalg.norm(tangent, axis=1) / np.abs(slope)
-        before = (d <= level) == rising
-        low, high = np.where(before, t, low), np.where(before, high, t)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            newton = t + (level - d) / slope
-        # At the ends of what is known Newton's step is as good as it gets.
-        following = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-        if np.all(np.abs(following - t) <= np.finfo(float).eps):
+        missing = q * total - below.size
+        low, high = max(low, level) if missing > _SURE * off[0] * total else low, high
+        high = min(high, level) if missing < -_SURE * off[0] * total else high
+        level = float(np.clip(level + missing / below.slope, low, high))
+        if off == _OFF[n][-1] and (abs(missing) <= _REACHED[n] * total or looked.count > 2 * sight.most):
             break
-        t = following
-    ends = np.where(rising, some.low, t), np.where(rising, t, some.high)
-    below = np.sum(lengths[inside]) + np.sum(_lengths(known, some.piece, *ends))
-    return _Passed(float(below), some.piece, t, count, index)
+    missing = np.inf if below is None else abs(below.size - q * total) / total
+    if below is None or not passed or missing > _PLATEAU:
+        points, density, _ = along(net, everywhere)
+        found = quantile_beside(sight.moving(points, b), jnp.asarray(everywhere.factor) * density, q)
+        return found._replace(off=0.0 if missing > _PLATEAU else np.inf)
+    inside, met = (joined(x) for x in (below.inside, below.met))
+    points, *_ = along(net, met)
+    change = q * _size(net, everywhere) - _size(net, inside) + jnp.sum(met.factor * sight.moving(points, b))
+    return Estimated(level + (change - jax.lax.stop_gradient(change)) / below.slope, max(below.off, missing))
 
 
-@compiled
-def _tangents(net: Net, piece: Array, t: Array) -> tuple[Array, Array]:
-    def one(k: Array, t: Array) -> tuple[Array, Array]:
-        at = jet(net.piece(k), t[None])
-        return at.point, at.first[0]
-
-    return jax.vmap(one)(piece, t)
+def _size(net: Net, nodes: Nodes) -> Array:
+    return jnp.sum(nodes.factor * along(net, nodes)[1])
 
 
-def _split(parts: _Parts, level: float, found: _Passed) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """All parts, those in which the distance passes the level cut there, and which lie below it."""
-    inside = (parts.first <= level) & (parts.last <= level)
-    high = parts.high.copy()
-    high[found.part] = found.t
-    below = inside.copy()
-    below[found.part] = parts.first[found.part] <= level
-    rest = parts.take(found.part)
-    return (
-        np.concatenate([parts.piece, rest.piece]),
-        np.concatenate([parts.low, found.t]),
-        np.concatenate([high, rest.high]),
-        np.concatenate([below, rest.last <= level]),
-    )
+def _settled(net: Net, cells: ParameterCells) -> ParameterCells:
+    """Cells of a curve, halved until the length over each agrees with that over its halves."""
+    done, sizes, total = [], _sizes(net, cells), np.inf
+    for _ in range(_HALVINGS[1]):
+        finer = halved(cells)
+        below = _sizes(net, finer)
+        both = np.sum(below.reshape(-1, 2), axis=1)
+        total = min(total, float(np.sum(both)))
+        open_ = np.abs(both - sizes) > _OFF[1][-1][0] * total
+        done.append(cells.take(~open_))
+        cells, sizes = finer.take(np.repeat(open_, 2)), below[np.repeat(open_, 2)]
+        if len(cells.piece) == 0:
+            break
+    return joined([*done, cells])
+
+
+def _sizes(net: Net, cells: ParameterCells) -> np.ndarray:
+    nodes = nodes_of(cells, _RULE)
+    return np.sum((nodes.factor * known_along(net, nodes)[1]).reshape(len(cells.piece), -1), axis=1)
+
+
+def _looked_at(cells: ParameterCells, looked: Looked) -> _MeasuredCells:
+    count, nodes = len(cells.piece), nodes_of(cells, _RULE)
+    points, density, _ = known_along(looked.net, nodes)
+    middle = Nodes(cells.piece, 0.5 * (cells.low + cells.high), np.ones(count))
+    apart = points.reshape(count, -1, points.shape[1]) - known_along(looked.net, middle)[0][:, None]
+    radius = _BULGE * np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1))
+    size = np.sum((nodes.factor * density).reshape(count, -1), axis=1)
+    return _MeasuredCells(cells, size, looked.at(middle).distance, radius)
+
+
+class _LevelCells(NamedTuple):
+    """Rules over cells that a level may cut.
+
+    Args:
+        values: of each, its length or area below the level, the change of that with it, and this times the directions
+            from the feet.
+        inside: places of the rule that lie below.
+        met: places where lines pass the level.
+        settled: whether what is summed is smooth in each part of a cell.
+    """
+
+    values: np.ndarray
+    inside: CellNodes
+    met: CellNodes
+    settled: np.ndarray
+
+    def take(self, rows: np.ndarray) -> "_LevelCells":
+        """Those of some cells, given by a mask."""
+        return _LevelCells(self.values[rows], self.inside.of(rows), self.met.of(rows), self.settled[rows])
+
+
+def _below(base: _MeasuredCells, looked: Looked, level: float, off: tuple[float, float], total: float) -> _Below:
+    """What lies below a level, by rules over cells that agree with those over their parts."""
+    passed, lies = base.passed(level), base.distance < level
+    found = _Below(0.0, 0.0, [], [], np.inf)
+    found = _with_whole(found, base, ~passed & lies)
+    cells, known = base.cells.take(passed), _cut(base.cells.take(passed), looked, level, 0)
+    slopes, most = float(np.sum(known.values[:, 1])), looked.count + looked.sight.most
+    many = 2**looked.net.parameters
+    for step in range(_HALVINGS[looked.net.parameters]):
+        if len(cells.piece) == 0 or looked.count > most:
+            break
+        parts = _looked_at(halved(cells), looked)
+        passed, lies = parts.passed(level), parts.distance < level
+        finer = _cut(parts.cells.take(passed), looked, level, step + 1)
+        values = np.zeros((len(passed), known.values.shape[1]))
+        values[lies, 0] = parts.size[lies]
+        values[passed] = finer.values
+        both = np.sum(values.reshape(-1, many, values.shape[1]), axis=1)
+        slopes = max(slopes, float(np.sum(both[:, 1])))
+        wanted = np.where(np.arange(values.shape[1]) == 0, off[0] * total, off[1] * slopes)
+        settled = np.ones(len(passed), bool)
+        settled[passed] = finer.settled
+        with np.errstate(invalid="ignore"):
+            apart = np.abs(both - known.values)
+        agreed = np.all(apart <= wanted, axis=1) & np.all(settled.reshape(-1, many), axis=1)
+        left = np.sum(apart[~agreed], axis=0)
+        of = np.where(np.arange(len(left)) == 0, total, slopes)
+        found = found._replace(off=float(np.max(left / np.where(of > 0, of, 1.0))) if np.isfinite(slopes) else np.inf)
+        agreed = np.repeat(agreed, many)
+        found = _with(_with_whole(found, parts, ~passed & lies), finer.take(agreed[passed]))
+        cells, known = parts.cells.take(passed & ~agreed), finer.take(~agreed[passed])
+    return _with(found, known)
+
+
+def _cut(cells: ParameterCells, looked: Looked, level: float, step: int) -> _LevelCells:
+    count = len(cells.piece)
+    if count == 0:
+        nothing = CellNodes(nodes_of(cells, _RULE), np.zeros(0, int))
+        return _LevelCells(np.zeros((0, 2 + looked.net.dim)), nothing, nothing, np.zeros(0, bool))
+    across = _across(cells, looked)
+    rule = cut_at_level(cells, looked, across, level, step)
+    density = known_along(looked.net, rule.below.nodes)[1]
+    size = rule.below.sums((rule.below.nodes.factor * density)[:, None], count)
+    seen = looked.at(rule.on.nodes)
+    with np.errstate(divide="ignore"):
+        factor = rule.on.nodes.factor * seen.density / np.abs(seen.slope[np.arange(len(rule.axis)), rule.axis])
+    met = CellNodes(rule.on.nodes._replace(factor=factor), rule.on.cell)
+    columns = np.concatenate([np.ones((len(factor), 1)), seen.normal], axis=1)
+    with np.errstate(invalid="ignore"):
+        values = np.concatenate([size, met.sums(columns * factor[:, None], count)], axis=1)
+    return _LevelCells(values, rule.below, met, rule.settled)
+
+
+def _across(cells: ParameterCells, looked: Looked) -> np.ndarray:
+    """The parameter along which the distance changes most over each cell."""
+    count, n = cells.low.shape
+    if n == 1:
+        return np.zeros(count, int)
+    corners = np.array(list(np.ndindex(2, 2)), bool)
+    t = np.where(corners, cells.high[:, None], cells.low[:, None]).reshape(-1, 2)
+    slope = looked.at(Nodes(np.repeat(cells.piece, 4), t, np.ones(len(t)))).slope.reshape(-1, 4, 2)
+    return np.argmax(np.sum(np.abs(slope), axis=1) * (cells.high - cells.low), axis=1)
+
+
+def _with_whole(found: _Below, cells: _MeasuredCells, below: np.ndarray) -> _Below:
+    """The same with some whole cells that lie below the level."""
+    size = found.size + float(np.sum(cells.size[below]))
+    return found._replace(size=size, inside=[*found.inside, nodes_of(cells.cells.take(below), _RULE)])
+
+
+def _with(found: _Below, known: _LevelCells) -> _Below:
+    """The same with what cut cells say."""
+    size, slope = np.sum(known.values[:, :2], axis=0)
+    inside, met = [*found.inside, known.inside.nodes], [*found.met, known.met.nodes]
+    return _Below(found.size + float(size), found.slope + float(slope), inside, met, found.off)
 
 
 def quantile_of(distance: Any, weight: Any, q: float) -> tuple[int, float]:

@@ -31,10 +31,9 @@ from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._distance.search.dispatch import dtype_of
 from jhd._distance.search.points import is_points
 from jhd._distance.statistics.error_control import Estimated
-from jhd._distance.statistics.level_sets import quantile_over
 from jhd._distance.statistics.pointwise import Sight, told_from_zero
 from jhd._distance.statistics.quadrature import along, net_of, nodes_of, resolved
-from jhd._distance.statistics.quantiles import quantile_along, quantile_beside, quantile_of
+from jhd._distance.statistics.quantiles import quantile_beside, quantile_of, quantile_over
 from jhd._distance.statistics.surface_quadrature import resolved_on_surface
 from jhd._results.batches import AbstractSolution
 from jhd._results.bounds import AbstractBounds, Bounds
@@ -46,6 +45,9 @@ from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers, optional_array
 from jhd._shapes.curve import AbstractCurve
 from jhd._triangles.closest_point import outward
+
+# Newton's steps for the level of a quantile where the number of nodes is given.
+_FEW_STEPS = 3
 
 
 class StatisticSolution(AbstractBounds, AbstractSolution):
@@ -348,13 +350,8 @@ class QuantileDistance(AbstractStatistic):
         if not isinstance(a, AbstractCurve) and nodes is not None:
             return None
         scale = _scale(a, b)
-        sight, net = Sight(b, scale, is_traced(a, b)), _scaled(a, scale)
-        if not isinstance(a, AbstractCurve):
-            found = quantile_over(net, sight, b, self.q)
-        else:
-            known = resolved(undifferentiated(net), sight.at, nodes)
-            found = quantile_along(net, known.cells, lambda x: sight.moving(x, b), sight.near, self.q)
-            found = None if found is None else found._replace(off=max(found.off, known.left))
+        sight, steps = Sight(b, scale, is_traced(a, b)), None if nodes is None else _FEW_STEPS
+        found = quantile_over(_scaled(a, scale), sight, b, self.q, steps)
         return None if found is None else found._replace(value=found.value / scale)
 
 
