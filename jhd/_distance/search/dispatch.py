@@ -29,14 +29,13 @@ from jhd._distance.search.closest_triangles import as_mesh
 from jhd._distance.search.farthest_place import FarthestSearch
 from jhd._distance.search.followed_cells import FollowedFeet, padded_pieces
 from jhd._distance.search.followed_graphs import FollowedGraphs, FollowedOnSurface, places_on_graphs
-from jhd._distance.search.mesh_source import MeshSource
 from jhd._distance.search.meshes import mesh_directed
 from jhd._distance.search.on_patches import NetTarget
 from jhd._distance.search.on_surfaces import SurfaceTarget
 from jhd._distance.search.points import is_points
 from jhd._distance.search.polished_place import About, place_of
 from jhd._distance.search.search import AbstractSearch, Listener, Standing, drive
-from jhd._distance.search.sources import AbstractSource, NetSource
+from jhd._distance.search.sources import AbstractSource, MeshSource, NetSource
 from jhd._distance.search.surface_candidates import looked_at
 from jhd._distance.search.surface_source import SurfaceSource
 from jhd._distance.search.targets import target_of, usable

@@ -39,8 +39,8 @@ from jhd._distance.search.closest import (
     table_of,
     wanted_gap,
 )
-from jhd._distance.search.isolated_pairs import isolated_pairs
 from jhd._distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
+from jhd._distance.search.on_surfaces import SurfaceTarget
 from jhd._distance.search.pair_queue import PART, QueuedSearch
 from jhd._distance.search.search import AbstractSearch, Listener, drive
 from jhd._distance.search.surface_candidates import looked_at
@@ -145,7 +145,7 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
     else:
         begun = partial(_begun, problem, np.asarray(pieces), capacity)
         if isinstance(net, Side):
-            known = isolated_pairs(problem)
+            known = _isolated_pairs(problem)
             task = task._replace(problem=known.problem)
             begun = lambda: known.told(_begun(known.problem, np.asarray(pieces), capacity))  # noqa: E731
         return InTurn(begun, partial(_stretch, task), partial(_stretch, task, following=True), method.max_steps)
@@ -366,3 +366,66 @@ def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> Bes
     upper = joined_upper(distance, radii)
     new = BestPair(upper, distance, best.piece_a, best.piece_b, x)
     return BestPair(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
+
+
+# ---- isolated points -----------------------------------------------------------------------------
+# About such a point no sign of the polynomial proves anything and no part of the surface is a graph, so cells that hold
+# it get smaller and smaller, and so do those of the other surface beside them: many, where it is all as near. The
+# nearest points of a known point are found at once (jhd._distance.nearest.surfaces). What is left of the surface has no
+# such point.
+
+
+class _IsolatedPairs(NamedTuple):
+    """What is left of a pair of surfaces, and what is known of their isolated points.
+
+    Args:
+        problem: the pair without these points.
+        lower: a lower bound of their distances from the other surface; infinite where there is none.
+        best: the nearest one of them with its foot, or None.
+    """
+
+    problem: WithSurface
+    lower: float
+    best: BestPair | None
+
+    def told(self, table: ClosestState) -> ClosestState:
+        """A table that begins with what is known."""
+        best = table.best if self.best is None or not self.best.upper < table.best.upper else self.best
+        return table._replace(settled=jnp.minimum(table.settled, self.lower).astype(table.settled.dtype), best=best)
+
+
+def _isolated_pairs(problem: WithSurface) -> _IsolatedPairs:
+    """Both surfaces with their isolated points measured.
+
+    Raises:
+        ValueError: one has such a point, and the other is proven to have no point in its box.
+    """
+    sides: Any = problem[:2]
+    found = [_without_isolated(own, other) for own, other in zip(sides, sides[::-1], strict=True)]
+    pairs = [(upper, np.concatenate(x if k == 0 else x[::-1])) for k, (_, _, upper, *x) in enumerate(found) if x]
+    best = None
+    if pairs:
+        upper, x = min(pairs, key=lambda pair: pair[0])
+        zero: Any = jnp.array(0)
+        apart: Any = np.sqrt(np.sum((x[:3] - x[3:]) ** 2))
+        best = BestPair(jnp.asarray(upper), jnp.asarray(np.minimum(apart, upper)), zero, zero, jnp.asarray(x))
+    left = problem._replace(a=found[0][0], b=found[1][0])
+    return _IsolatedPairs(left, min(found[0][1], found[1][1]), best)
+
+
+def _without_isolated(own: Side, other: Side) -> tuple[Any, ...]:
+    """A surface without its isolated points, bounds of their distances, and the nearest with its foot, if any."""
+    points = own.isolated
+    known = (np.asarray(points.half) > 0) & (np.asarray(points.radius) >= 0) & np.asarray(points.there)
+    if not known.any():
+        return own, np.inf, np.inf
+    center, radius = np.asarray(points.center)[known], np.asarray(points.radius)[known]
+    found = SurfaceTarget(other).nearest(center)
+    room = gamma(4, center.dtype)
+    # Differences round towards either side by less than this share of the larger number.
+    lower = np.maximum(found.lower - radius - room * found.lower, 0.0)
+    upper = (found.upper + radius) * (1 + room)
+    left = points._replace(radius=np.where(known, -np.inf, points.radius), there=np.asarray(points.there) & ~known)
+    k = int(np.argmin(upper))
+    ends = (center[k], found.foot[k]) if np.isfinite(upper[k]) else ()
+    return own._replace(isolated=left), float(np.min(lower)), upper[k], *ends

@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._arithmetic.rounding import gamma
-from jhd._distance.nearest.forms import boxes, form, signed_values
-from jhd._distance.nearest.surfaces import halved
+from jhd._distance.nearest.forms import signed_values
 from jhd._distance.nearest.target import AbstractTarget, MeshTarget
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.surfaces import Side
 from jhd._distance.search.on_patches import NetTarget
 from jhd._distance.search.on_surfaces import SurfaceTarget
 from jhd._distance.search.row_batches import BLOCK
+from jhd._distance.search.surface_candidates import eighths
 from jhd._runtime.compiled import compiled
 from jhd._shapes.mesh import TriangleMesh
 from jhd._triangles.closest_point import in_blocks_of
@@ -31,8 +31,6 @@ _STARTS, _ROUNDS = 32, 12
 _AROUND = 64
 # Times that cells are cut at most, and pairs from which on they are not cut any more.
 _CUTS, _MANY = 12, 1 << 18
-# Cells that one call of a program cuts.
-_BLOCK = 512
 # Times that an edge which crosses the surface is halved.
 _HALVINGS = 60
 # What boxes, lengths and control points may be off by rounding is far below this many units of roundoff.
@@ -146,7 +144,7 @@ def near_pairs(side: Side, net: Net, count: int, is_mesh: bool) -> Near | None:
         small = np.median(np.max(ends[1][piece] - ends[0][piece], axis=1)) if len(piece) else np.inf
         if np.max(high - low, initial=0.0) <= small or len(piece) > _MANY:
             break
-        low, high, parent = _cut(side, low, high)
+        low, high, parent = eighths(side, low, high)
         cell, piece, lower = _of_children(low, high, parent, cell, piece, *ends, upper + slack)
     order = np.argsort(lower, kind="stable")
     cell, piece = cell[order], piece[order]
@@ -234,22 +232,3 @@ def _gap(low: np.ndarray, high: np.ndarray, least: np.ndarray, most: np.ndarray)
     """How far boxes are apart."""
     apart = np.maximum(np.maximum(low - most, least - high), 0.0)
     return np.sqrt(np.sum(apart * apart, axis=-1))
-
-
-def _cut(side: Side, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The eighths of cells that may hold a point of the surface, and which cell each is of."""
-    lows, highs, parents = [], [], []
-    for start in range(0, len(low), _BLOCK):
-        index = np.minimum(np.arange(start, start + _BLOCK), len(low) - 1)
-        below, above, alive = (np.asarray(x) for x in _eighths(side, low[index].T, high[index].T))
-        kept = np.flatnonzero(alive & (np.tile(np.arange(start, start + _BLOCK), 8) < len(low)))
-        lows.append(below.T[kept])
-        highs.append(above.T[kept])
-        parents.append(start + kept % _BLOCK)
-    return np.concatenate(lows), np.concatenate(highs), np.concatenate(parents)
-
-
-@compiled
-def _eighths(side: Side, low: Array, high: Array) -> tuple[Array, Array, Array]:
-    low, high = halved(low, high)
-    return low, high, form(side, boxes(low, high)).may_vanish & jnp.all(low <= high, axis=0)

@@ -18,14 +18,14 @@ from jhd._distance.cells.pairs import Cell
 from jhd._distance.cells.tracked_feet import moving_bound
 from jhd._distance.cells.tracked_feet_surfaces import narrowed
 from jhd._distance.nearest.surface_points import local_feet, proven_radius, reach, with_singular_radius
-from jhd._distance.nearest.surfaces import CAPACITY, NearestOnSurface, halved, nearest, nearest_places, proven_distances
+from jhd._distance.nearest.surfaces import CAPACITY, NearestOnSurface, nearest, nearest_places, proven_distances
 from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
 from jhd._distance.normalization.coordinates import Frame, common_points, moved_by
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.surfaces import Side, prepare_surfaces
 from jhd._distance.search.candidates import Target
 from jhd._distance.search.row_batches import each, in_blocks, in_groups
-from jhd._distance.search.surface_candidates import looked_at, may_vanish
+from jhd._distance.search.surface_candidates import eighths, looked_at
 from jhd._runtime.compiled import compiled
 from jhd._shapes.checks import empty_surface
 from jhd._shapes.implicit import ImplicitSurface
@@ -202,9 +202,7 @@ class SurfaceTarget(AbstractTarget):
             settled = min(settled, np.min(lower[~left], initial=np.inf))
             if most < 0 or not np.any(left):
                 return float(min(settled, np.min(lower, initial=np.inf)))
-            low, high = (x.reshape(3, -1).T for x in halved(low[left].T, high[left].T))
-            rows = may_vanish(side, low, high)
-            low, high = low[rows], high[rows]
+            low, high, _ = eighths(side, low[left], high[left])
 
     def within(self, points: np.ndarray, upper: float) -> np.ndarray:
         """Which of the points may be this near, by the cover."""

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from jhd._arithmetic.polynomials import slopes
 from jhd._distance.nearest.forms import boxes, form
 from jhd._distance.nearest.surface_points import projected, proven_radius, with_singular_radius
-from jhd._distance.nearest.surfaces import CLOUD_STEPS, Cover, SurfaceCloud, grid, starts_of_cloud
+from jhd._distance.nearest.surfaces import CLOUD_STEPS, Cover, SurfaceCloud, grid, halved, starts_of_cloud
 from jhd._distance.normalization.surfaces import Side
 from jhd._distance.search.candidates import Target
 from jhd._distance.search.row_batches import in_blocks, in_groups
@@ -66,6 +66,15 @@ def may_vanish(
 ) -> Bool[np.ndarray, " cells"]:
     """Which cells may hold a point of the surface."""
     return in_blocks(_may_vanish, side, low, high)
+
+
+def eighths(
+    side: Side, low: Float[np.ndarray, "cells 3"], high: Float[np.ndarray, "cells 3"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The ends of the eighths of cells that may hold a point of the surface, and which cell each is of."""
+    low, high = (x.reshape(3, 8, -1).T.reshape(-1, 3) for x in halved(low.T, high.T))
+    rows = np.flatnonzero(may_vanish(side, low, high))
+    return low[rows], high[rows], rows // 8
 
 
 def places_near(

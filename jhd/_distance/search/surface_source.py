@@ -13,14 +13,14 @@ from jhd._arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd._distance.cells.proxy_bounds import Hulls
 from jhd._distance.cells.surfaces import upper_bounds
 from jhd._distance.nearest.forms import Boxes, Form, boxes, form
-from jhd._distance.nearest.surfaces import halved, inner
+from jhd._distance.nearest.surfaces import inner
 from jhd._distance.nearest.target import AbstractTarget, FootRows, PointTarget
 from jhd._distance.normalization.surfaces import Side
 from jhd._distance.search.candidates import Target
 from jhd._distance.search.polished_place import SharpenedPlace
 from jhd._distance.search.row_batches import each, in_blocks
 from jhd._distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells, over_hulls, units
-from jhd._distance.search.surface_candidates import may_vanish, places_near
+from jhd._distance.search.surface_candidates import eighths, places_near
 from jhd._runtime.compiled import compiled
 
 # Cells done side by side.
@@ -48,9 +48,8 @@ class SurfaceSource(AbstractSource):
     @override
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
         """Each into eight."""
-        low, high = (x.reshape(3, 8, -1).T.reshape(-1, 3) for x in halved(cells.low.T, cells.high.T))
-        rows = np.flatnonzero(may_vanish(self._side, low, high))
-        return CellRows(np.full(len(rows), -1), low[rows], high[rows]), rows // 8
+        low, high, parent = eighths(self._side, cells.low, cells.high)
+        return CellRows(np.full(len(parent), -1), low, high), parent
 
     @override
     def places(self, cells: CellRows) -> PlacesOfCells:

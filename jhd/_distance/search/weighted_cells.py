@@ -21,8 +21,7 @@ from jhd._distance.cells.arc_length_area import (
     single_points,
 )
 from jhd._distance.normalization.net_jets import Net
-from jhd._distance.search.mesh_source import MeshSource
-from jhd._distance.search.sources import CellRows, cut_along
+from jhd._distance.search.sources import CellRows, MeshSource, cut_along
 from jhd._runtime.arrays import joined
 
 # A cut that ends this close to a corner ends there, as a share of a side.
