@@ -65,10 +65,11 @@ def _narrowed(
     by_slope = np.abs(at.slope - first.slope) < np.abs(at.slope - last.slope)
     as_first, as_last = at.label == first.label, at.label == last.label
     before = np.where(as_first != as_last, as_first, by_slope)
-    return _chosen(before, at, first), _chosen(before, last, at), before
+    return chosen(before, at, first), chosen(before, last, at), before
 
 
-def _chosen(which: np.ndarray, x: OnLines, y: OnLines) -> OnLines:
+def chosen(which: np.ndarray, x: OnLines, y: OnLines) -> OnLines:
+    """What is known of one place of each line: the first where `which` is true."""
     return OnLines(*(np.where(which, *pair) for pair in zip(x, y, strict=True)))
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int
 
-from jhd._distance.statistics.breakpoints import OnLines, meeting
+from jhd._distance.statistics.breakpoints import OnLines, chosen, meeting
 from jhd._distance.statistics.cut_cells import CellLines, CellNodes, Looked, cut_lines, kind_of, parts_of, ruled
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells
 from jhd._runtime.arrays import joined, taken
@@ -115,10 +115,10 @@ def _crossed(
         at = looked.along(lines.take(rows), place)
         found[rows], label[rows] = place, at.label
         before = (at.value <= level) == (low.value <= level)
-        low, high = _chosen(before, at, low), _chosen(before, high, at)
+        low, high = chosen(before, at, low), chosen(before, high, at)
         # Where a kink lies between, the tangent of the other end leads to its branch.
         following = 0.5 * (low.place + high.place)
-        for end in (_chosen(before, high, low), at):
+        for end in (chosen(before, high, low), at):
             newton = end.place + (level - end.value) / np.where(end.slope != 0, end.slope, 1.0)
             inside = (end.slope != 0) & (newton >= low.place) & (newton <= high.place)
             following = np.where(inside, newton, following)
@@ -126,7 +126,3 @@ def _crossed(
         rows, place = rows[moves], following[moves]
         low, high = (taken(end, moves) for end in (low, high))
     return found, label
-
-
-def _chosen(which: np.ndarray, first: OnLines, second: OnLines) -> OnLines:
-    return OnLines(*(np.where(which, x, y) for x, y in zip(first, second, strict=True)))

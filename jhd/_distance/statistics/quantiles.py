@@ -80,7 +80,7 @@ class _Below(NamedTuple):
 
 
 def quantile_over(net: Net, sight: Sight, b: Any, q: float, steps: int | None = None) -> Estimated | None:
-    """The quantile over a curve or a surface, None where there are too many pieces.
+    """The quantile over a curve or a surface, None where a surface has too many pieces.
 
     Where a whole region is as far, the derivative is that of the places there.
 
@@ -95,7 +95,7 @@ def quantile_over(net: Net, sight: Sight, b: Any, q: float, steps: int | None = 
     looked = Looked(known, sight)
     first = whole(known)
     n, parts = net.parameters, 2**net.parameters
-    if (1 + parts) * len(first.piece) * _RULE**n > sight.most:
+    if n == 2 and (1 + parts) * len(first.piece) * _RULE**n > sight.most:
         return None
     for _ in range(_FIRST):
         if parts * len(first.piece) * _RULE**n <= sight.most / 8:
