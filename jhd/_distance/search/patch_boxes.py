@@ -174,6 +174,8 @@ class PatchBoxes:
         held, parameters = len(self._nodes.piece), self._nodes.low.shape[1]
         children = 1 << parameters
         node = np.unique(node)[: max(0, _MOST - held) // children]
+        if not len(node):
+            return
         piece, low, high = (np.repeat(x[node], children, axis=0) for x in self._nodes[:3])
         above = np.tile(np.indices((2,) * parameters).reshape(parameters, -1).T == 1, (len(node), 1))
         middle = 0.5 * (low + high)

@@ -154,6 +154,16 @@ def test_nearly_all_points_are_decided_by_the_part_about_their_foot_and_by_boxes
     assert len(left) <= most * len(points)
 
 
+def test_where_there_is_room_for_no_more_boxes_bounds_are_as_good(monkeypatch):
+    net, rng = SURFACES["bumpy"], np.random.default_rng(4)
+    points = queries(net, rng, 120)
+    roomy = NetTarget(net).nearest(points)
+    monkeypatch.setattr(patch_boxes, "_MOST", 0)
+    tight = NetTarget(net).nearest(points)
+    assert np.all(tight.lower <= roomy.upper) and np.all(roomy.lower <= tight.upper)
+    assert np.all(tight.closed)
+
+
 def test_about_a_center_boxes_are_not_cut_without_end():
     patches = sphere(1.0).patches()
     boxes = PatchBoxes(net_of(np.asarray(patches.control_points), np.asarray(patches.weights)))
