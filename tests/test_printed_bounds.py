@@ -102,11 +102,11 @@ class Given:
         witnesses = jax.tree_util.tree_map(lambda x: x[None], plain.witness)
         none, stats = jnp.zeros(1), {"steps": jnp.array(1)}
         pairs = KINDS.CriticalPairs(none, witnesses, none > 0, wide)
-        self.fit = KINDS.FitSolution(None, None, self.hausdorff, none[0], none, pairs, wide, stats, none, self.measure)
+        line = jhd.polyline([(0, 0), (1, 0)])
+        self.fit = KINDS.FitSolution(None, line, self.hausdorff, none[0], none, pairs, wide, stats, none, self.measure)
         part = KINDS.DistanceSamples(
             np.zeros((1, 2)), *(np.array([x]) for x in (lower, upper)), np.ones((1, 2)), np.zeros((1, 2, 2))
         )
-        line = jhd.polyline([(0, 0), (1, 0)])
         self.deviation = KINDS.Deviation(line, line, self.hausdorff, *[self.bounds] * 3, part, wide, {})
         self.many = [np.full((1, 2), x) for x in (self.value, lower, upper)]
         self.certificate = object.__new__(jhd.Certificate)
@@ -162,7 +162,7 @@ def test_progress_tells_bounds_that_hold_what_is_known(given):
 
 def test_every_command_prints_bounds_that_hold_what_was_found(given, monkeypatch, capsys):
     line, ends = "M 0 0 L 1 0", (given.low, given.high)
-    ended = SimpleNamespace(_enumeration=jhd.RESULTS, _value=np.zeros((1, 2), int))
+    ended = jax.tree_util.tree_map(lambda x: jnp.full((1, 2), x), jhd.RESULTS.successful)
     neighbors = KINDS.Neighbors(np.array([[0, 1]]), *given.many, jhd.RESULTS.successful, (np.array([], int),), 1)
     pairs = KINDS.PairsWithin(np.array([[0, 1]]), *(x[0, :1] for x in given.many[1:]), np.zeros((0, 2), int), ended, 1)
     table = KINDS.Pairwise(*(np.tile(x, (2, 1)) for x in given.many), jhd.RESULTS.successful, 1)

@@ -141,7 +141,7 @@ def test_distance_writes_a_certificate(tmp_path, capsys, monkeypatch, directed):
 
 def test_distance_without_a_certificate_says_so_with_status_one(tmp_path, capsys, monkeypatch):
     def refuse(*_, **_options):
-        raise jhd.NotProvenError("no place.", None)  # pyright: ignore[reportArgumentType]
+        raise jhd.NotProvenError("no place.", jhd.point_set([(0, 0)]))
 
     monkeypatch.setattr(jhd, "certify", refuse)
     status, out, err = run(capsys, "distance", "M0 0 L4 0", "M0 0 L4 3", "--certificate", tmp_path / "p.json")
