@@ -369,10 +369,10 @@ def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> Bes
 
 
 # ---- isolated points -----------------------------------------------------------------------------
-# About such a point no sign of the polynomial proves anything and no part of the surface is a graph, so cells that hold
-# it get smaller and smaller, and so do those of the other surface beside them: many, where it is all as near. The
-# nearest points of a known point are found at once (jhd._distance.nearest.surfaces). What is left of the surface has no
-# such point.
+# About such a point no sign of the polynomial proves anything and no part of the surface is a graph. So cells that
+# hold the point get smaller and smaller, and so do nearby cells of the opposite surface; these are many if all of it
+# is about equally near. The nearest points to a known point are found at once (jhd._distance.nearest.surfaces). The
+# rest of the surface has no such point.
 
 
 class _IsolatedPairs(NamedTuple):

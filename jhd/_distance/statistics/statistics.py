@@ -310,8 +310,8 @@ class QuantileDistance(AbstractStatistic):
     """The q-quantile of the distance: the least distance that a fraction q of `a` does not exceed.
 
     This is the partial Hausdorff distance; call it as `jhd.QuantileDistance(0.9)(a, b)`. The derivative is taken at the
-    points whose distance equals the quantile (or on the region, if a whole region has this distance). The method
-    `estimate` with `nodes` smooths the quantile instead, with a relative error of up to a few hundredths.
+    points whose distance equals the quantile (or on the region, if a whole region has this distance). If an estimate is
+    given a number of `nodes`, it approximates the quantile, with a relative error of up to a few hundredths.
 
     Args:
         q: a fraction, above 0 and at most 1: 0.5 is the median, 1 the largest distance. It counts as reached within its
