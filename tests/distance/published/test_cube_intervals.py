@@ -46,7 +46,6 @@ def test_the_paper_rule_gives_the_published_interval(pairs):
     assert int(there.stats["pairs"]) == 8464 * 12440 == int(both.stats["a_to_b_pairs"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("pairs", swept(["separable", "tiles"], slow=["separable"]))
 def test_the_safe_rule_holds_the_distances_of_the_cones(pairs):
     method = CubeIntervals(64, pairs=pairs)
