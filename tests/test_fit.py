@@ -261,7 +261,7 @@ def test_segments_are_as_many_as_a_tolerance_needs():
     target = jhd.circle([0, 0], 1.0)
     fit = jhd.fit_curve(target, degree=3, tolerance=1e-3)
     assert float(fit.error.upper) <= 1e-3 < float(jhd.fit_curve(target, degree=3, segments=2).error.lower)
-    with pytest.raises(ValueError, match="segments is given with a tolerance"):
+    with pytest.raises(ValueError, match="segments is given together with a tolerance"):
         jhd.fit_curve(target, degree=3, tolerance=1e-3, segments=2)
 
 
