@@ -1,4 +1,23 @@
-"""Shapes: curves, parametric and implicit surfaces, meshes and point sets."""
+"""Shapes: curves, parametric and implicit surfaces, meshes and point sets.
+
+How to add a kind of shape. A curve that consists of Bezier segments, or a surface that consists of Bezier patches, is
+one class: a subclass of `AbstractCurve` with `segments()`, or of `AbstractPatch` with `patches()`. All distances,
+derivatives, statistics, certificates and pictures use these segments or patches, so nothing is registered. A ruled
+surface in `tests/shapes/test_new_kind.py` is an example. Any other kind needs these parts:
+
+1. The class in this folder, and its name in `Shape` in `as_shape`. Arrays are fields; `bounds` is a box.
+2. An `AbstractTarget` (`jhd._distance.nearest.target`): nearest points with bounds. `_target` in
+   `jhd._distance.search.targets` returns it in the coordinates of the user, `target_in` in
+   `jhd._distance.search.dispatch` in common coordinates. `project` and distances to the shape use it.
+3. An `AbstractSource` (`jhd._distance.search.sources`): cells that cover the shape, how they are cut, points in them,
+   and an upper bound over each; from `_source` in `jhd._distance.search.dispatch`. Distances from the shape use it.
+4. The frame: `_net` and `_common` in `jhd._distance.search.dispatch` move the shape to common coordinates.
+5. Derivatives: `_parts_of` in `jhd._distance.witness.mixed_derivatives` selects the numbers that a point depends on,
+   and `jhd._distance.witness.balance` holds the equations of a point on each kind.
+6. Statistics over the shape: `net_of` in `jhd._distance.statistics.quadrature`. Smallest distances: `_searched` in
+   `jhd._distance.minimum`. Certificates: `plain_shape` in `jhd._distance.certificate.sides`, and `pieces_of` in
+   `jhd._distance.certificate.verification.pieces`. Pictures: `pieces_of` in `jhd._plot.colored`.
+"""
 
 from jhd._shapes.approximation import Approximation
 from jhd._shapes.as_shape import as_shape

@@ -1,0 +1,77 @@
+"""A new kind of shape that consists of Bezier patches is one class; every entry serves it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from typing_extensions import override
+
+import jhd
+from jhd._shapes.patch import AbstractPatch, BezierPatches
+
+
+class RuledSurface(AbstractPatch):
+    """Segments between the points of two curves at the same parameter."""
+
+    first: jhd.BezierCurve
+    second: jhd.BezierCurve
+
+    def __init__(self, first, second):
+        self.first, self.second = first, second
+
+    @property
+    def control_points(self):
+        return jnp.stack([self.first.control_points, self.second.control_points], axis=1)
+
+    @property
+    def weights(self):
+        return None
+
+    @property
+    @override
+    def degrees(self):
+        return self.control_points.shape[0] - 1, 1
+
+    @override
+    def _value(self, u, v):
+        return (1 - v) * self.first(u) + v * self.second(u)
+
+    @override
+    def patches(self) -> BezierPatches:
+        return jhd.BezierPatch(self.control_points).patches()
+
+    @override
+    def transform(self, matrix, offset=0.0):
+        return RuledSurface(self.first.transform(matrix, offset), self.second.transform(matrix, offset))
+
+
+def wall(height):
+    """A parabola in the plane z = 0, moved up to a height."""
+    points = jnp.array([[0.0, 0, 0], [1, 1, 0], [2, 0, 0]])
+    return RuledSurface(jhd.BezierCurve(points), jhd.BezierCurve(points.at[:, 2].add(height)))
+
+
+# Its nearest point is (1, 1/2, height), where the surface ends.
+POINT = jhd.point_set([(1.0, 0.5, 3.0)])
+
+
+def test_distances_projections_and_derivatives():
+    value, slope = jax.value_and_grad(lambda h: jhd.directed_hausdorff(POINT, wall(h)).value)(1.0)
+    assert (float(value), float(slope)) == pytest.approx((2.0, -1.0), abs=1e-12)
+    found = jhd.project([(1.0, 2.0, 0.25)], wall(1.0).transform(np.eye(3), [0.0, 0.0, -0.25]))
+    np.testing.assert_allclose(found.foot, [(1.0, 0.5, 0.25)], atol=1e-12)
+    assert "RuledSurface(degrees 2 x 1" in repr(wall(1.0))
+    np.testing.assert_array_equal(wall(1.0)(0.5, 0.5), [1.0, 0.5, 0.5])
+
+
+@pytest.mark.slow
+def test_what_searches_over_it_and_what_proves_it():
+    low, high = wall(1.0), wall(1.5)
+    found = jhd.hausdorff(low, high)
+    assert found.lower <= 0.5 <= found.upper
+    jhd.verify(jhd.certify(low, high, found))
+    assert jhd.minimum_distance(POINT, low).lower <= 2.0
+    area = jhd.surface_area(low)
+    # The arc length of the parabola.
+    assert area.lower <= np.sqrt(2) + np.log(1 + np.sqrt(2)) <= area.upper
+    assert jhd.deviation(high, low).maximum.upper >= 0.5
