@@ -97,6 +97,7 @@ def test_parameters_may_be_a_pytree_and_progress_is_reported():
     assert float(solution.error.value) < 1e-3
 
 
+@pytest.mark.slow
 def test_several_starts_give_the_best_of_them():
     solution = jhd.minimize_hausdorff(symmetric, 0.3, quarter(), starts=jnp.array([0.1, 0.54]), max_steps=2)
     alone = jhd.minimize_hausdorff(symmetric, 0.54, quarter(), max_steps=2)

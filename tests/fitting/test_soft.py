@@ -64,6 +64,7 @@ def test_at_one_distance_everywhere_it_is_as_far_above_as_it_can_be():
     assert float(jhd.soft_hausdorff(a, b, 0.1)) == pytest.approx(1 + 0.1 * SMOOTHING, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_sample_whose_foot_is_too_far_counts_as_much_as_the_farthest_place():
     # Newton's method can end at a foot that is not the nearest one, farther than the distance of the curves.
     a, b = (jhd.BezierSegments(rows) for rows in PAIRS["an offset"])

@@ -58,6 +58,7 @@ def off(name, point):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", list(itertools.combinations_with_replacement(kinds(), 2)), ids="-".join)
 def test_pairs_of_all_kinds_of_surfaces_are_served(names):
     """The second one is turned over and raised by four, so that the nearest places are at heights one and three."""

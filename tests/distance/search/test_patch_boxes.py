@@ -137,6 +137,7 @@ def test_bounds_overlap_with_those_of_a_search_that_cuts_whole_pieces(name, monk
     assert np.all(quick.closed[slow.closed])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "most"), [("bumpy", 0.15), ("rational", 0.3), ("sphere", 0.1), ("smooth", 0.03)])
 def test_nearly_all_points_are_decided_by_the_part_about_their_foot_and_by_boxes(name, most, monkeypatch):
     net, rng = SURFACES[name], np.random.default_rng(3)

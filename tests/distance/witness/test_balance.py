@@ -62,6 +62,7 @@ def test_close_spheres_have_the_derivatives_of_their_closed_form(x):
     np.testing.assert_allclose(jax.jit(jax.hessian(value))(jnp.zeros(3)) * 2 * gap, expected * 2 * gap, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_at_the_apex_of_a_cone_the_foot_and_not_the_noise_of_a_gradient_tells_the_direction():
     cone = jhd.ImplicitSurface.parse("x**2 + y**2 - z**2", [-3, -3, 0], [3, 3, 3])
     found = found_at([0.3, 0.0, -0.4], [[1e-9, -2e-9, 1e-9]], [1.0], [0.5, 0.25, 0.25])
