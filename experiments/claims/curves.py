@@ -34,6 +34,8 @@ def check_cao14_open_closed(numbers):
 
 def check_cao14_closed_closed(numbers):
     both_directions(numbers)
+    # As the source shows it for its sample 51; a short run has fewer samples.
+    assert numbers["context"]["smoke"] or len(numbers["stationary"]["distance"]) == 10
     ours = [s for s in numbers["speeds"] if s["name"] == "TwoStep"]
     samples = [s for s in numbers["speeds"] if s["name"] != "TwoStep"]
     assert ours and samples

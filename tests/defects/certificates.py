@@ -34,7 +34,7 @@ DEFECTS = [
         (
             "if self.end is not None and time.monotonic() > self.end:",
             "if False:",
-            "test_the_checker_is_a_program_that_runs_by_itself",
+            "test_a_check_ends_at_its_limit_before_it_begins_or_within",
         ),
         (
             "if any(parts[k].last - parts[k].first > 1 for k in named):",

@@ -236,6 +236,8 @@ def test_a_threshold_within_the_bounds_of_a_pair_is_undecided():
     found = jhd.pairs_within([a], [b], threshold=value)
     assert len(found.index) + len(found.undecided) == 1
     assert (names_of(found.result) == "gap_not_closed") == (len(found.undecided) == 1)
+    twice = jhd.pairs_within([a, a], threshold=0.0)
+    assert twice.index.tolist() == [[0, 1]] and len(twice.undecided) == 0
 
 
 def test_sets_of_points_are_measured_beside_curves():

@@ -235,10 +235,23 @@ def unit_sphere():
     return jhd.BezierPatches(rows * signs[:, None, None], np.stack([w] * 8))
 
 
-@pytest.mark.slow
-def test_second_derivatives_beside_a_pole_are_right_and_unknown_on_it():
+SIDE_OF_A_POLE = pytest.mark.xfail(
+    reason="0.5 too small along one direction for 1 in 100 feet held at a side", strict=True
+)
+
+
+@pytest.mark.parametrize(
+    "many",
+    [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=[pytest.mark.exhaustive, SIDE_OF_A_POLE])],
+)
+def test_second_derivatives_beside_a_pole_are_right_and_unknown_on_it(many):
     angle, ball = np.array([0.0, 3e-10, 1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-4, 0.3]), unit_sphere()
-    normal = np.stack([0.6 * np.sin(angle), 0.8 * np.sin(angle), np.cos(angle)], axis=1)
+    turn = np.full(len(angle), np.arctan2(0.8, 0.6))
+    if many:
+        rng = np.random.default_rng(7)
+        angle = np.append(0.0, 10.0 ** rng.uniform(-9.5, -0.5, 2000))
+        turn = rng.uniform(0, 2 * np.pi, len(angle))
+    normal = np.stack([np.cos(turn) * np.sin(angle), np.sin(turn) * np.sin(angle), np.cos(angle)], axis=1)
 
     def distance(p):
         return jhd.project(p, ball).distance
@@ -249,7 +262,8 @@ def test_second_derivatives_beside_a_pole_are_right_and_unknown_on_it():
     gradient, hessian, moved = (
         jax.jit(jax.vmap(f))(2 * normal) for f in (jax.grad(distance), jax.hessian(distance), jax.jacobian(foot))
     )
-    np.testing.assert_allclose(gradient, normal, atol=1e-12)
+    # A foot so near to the pole may be named on a side that it is beside.
+    np.testing.assert_allclose(gradient, normal, atol=1e-6 if many else 1e-12)
     # The distance is |p| - 1, the foot p / |p|.
     exact = 0.5 * (np.eye(3) - normal[:, :, None] * normal[:, None])
     for found in (hessian, moved):

@@ -245,7 +245,8 @@ def test_curves_that_coincide_have_the_derivative_zero_and_near_ones_that_of_the
     def mean(x):
         return value(x, jhd.MeanDistance(True))
 
-    for function in (mean, lambda x: value(x, jhd.QuantileDistance(0.5, True)), jax.jit(mean)):
+    others = (lambda x, how=how: value(x, how) for how in (jhd.QuantileDistance(0.5, True), jhd.RMSDistance(True)))
+    for function in (mean, jax.jit(mean), *others):
         assert [float(y) for y in jax.value_and_grad(function)(0.0)] == [0, 0]
     # So near, distances are known to seven digits: rules over halves of cells differ by that.
     across = abs(0.9 * 0.6 - 0.6 * 0.8) / math.hypot(0.6, 0.9)

@@ -115,6 +115,25 @@ def test_samples_alone_show_the_largest_maximum_where_a_curve_stands_still(count
             assert solution.lower * (1 - 1e-9) - 1e-13 <= first <= solution.upper * (1 + 1e-9) + 1e-13, (a, b)
 
 
+@jax.jit
+@jax.vmap
+def largest_and_bounds(a, b):
+    a, b = jhd.BezierSegments(a[None]), jhd.BezierSegments(b[None])
+    solution = jhd.hausdorff(a, b)
+    return jhd.critical_pairs(a, b).value[0], solution.lower, solution.upper
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("kinds", STILL)
+def test_the_first_value_is_the_distance_of_two_thousand_pairs_of_each_kind(kinds):
+    rng = np.random.default_rng(6)
+    for _ in range(8):
+        a, b = (np.stack([kind(rng) for _ in range(250)]) for kind in kinds)
+        first, lower, upper = map(np.asarray, largest_and_bounds(a, b))
+        missed = (first < lower * (1 - 1e-9) - 1e-13) | (first > upper * (1 + 1e-9) + 1e-13)
+        assert not np.any(missed), (a[missed][:2], b[missed][:2])
+
+
 @pytest.mark.slow
 def test_a_largest_maximum_between_samples_comes_first():
     for *points, least in NARROW:
