@@ -107,6 +107,7 @@ def distance_of(rows, move):
     return minimum_distance(BezierCurve(rows), BezierCurve(ARCH * [1, -1] + move)).value
 
 
+@pytest.mark.slow
 def test_the_derivatives_are_those_of_differences():
     rows, h = jnp.asarray(ARCH), 1e-5
     slope = jax.grad(distance_of)(rows, MOVE)

@@ -99,6 +99,7 @@ def test_every_leaf_in_full_mode_is_within_the_tolerance_at_its_19_points(full):
         assert np.max(np.abs(np.asarray(full(points)) - block_distance(points))) <= float(full.tolerance) + 1e-8
 
 
+@pytest.mark.slow
 def test_the_band_is_refined_at_the_surface_alone_and_has_the_right_sign_elsewhere(field):
     lower, side, values = boxes(field)
     middle = lower + 0.5 * side[:, None]

@@ -174,6 +174,7 @@ def test_many_small_chunks_give_the_same_cells(monkeypatch):
     assert np.array_equal(whole.cells, parts.cells) and np.array_equal(whole.proven, parts.proven)
 
 
+@pytest.mark.slow
 def test_without_exact_signs_less_is_proven_and_nothing_else(monkeypatch):
     monkeypatch.setattr(octree, "_EXACT", 0)
     voxels = voxelize(parsed("z"), 16)

@@ -119,6 +119,7 @@ def test_bounds_hold_at_every_scale(exponent):
     assert found.closed.all()
 
 
+@pytest.mark.slow
 def test_bounds_hold_for_several_segments_and_repeated_ones_change_nothing():
     rng = np.random.default_rng(6)
     control_points = rng.normal(size=(4, 4, 2))

@@ -43,6 +43,7 @@ def differences(function, x):
     return np.stack(columns, axis=-1).reshape(*columns[0].shape, *x.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("query", QUERIES, ids="face corner border edge".split())
 def test_derivatives_are_those_of_differences(query):
     by_point, by_vertices = slopes(jnp.array(query), jnp.array(VERTICES))

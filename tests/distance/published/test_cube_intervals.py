@@ -97,6 +97,7 @@ def test_the_paper_rule_is_wrong_where_cells_hold_no_point_and_the_safe_rule_is_
     assert float(safe.lower) <= exact <= float(safe.upper) and name_of(safe.result) == "successful"
 
 
+@pytest.mark.slow
 def test_distances_between_vertices_are_the_same_on_one_grid_and_no_bound_on_two():
     """The second way of the source. One cell holds all of another: its vertices are far from the vertices of that."""
     ways = [CubeIntervals(8, "paper", "tiles", ends) for ends in ("cells", "vertices")]

@@ -80,6 +80,7 @@ def test_the_derivative_counts_all_feet():
     np.testing.assert_allclose(gradient, [-np.sqrt(0.5), -0.5 * np.sqrt(0.5)], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_derivative_in_the_vertices_is_that_of_differences():
     rng = np.random.default_rng(4)
     a, b = torus(12, 8), torus(10, 7)

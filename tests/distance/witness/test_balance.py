@@ -102,6 +102,7 @@ def in_single(scale=1.0, point: Any = (0.0, 0.0, 2.0), foot: Any = (0.0, 0.0, 1.
     return rows, (found.value, found.witness)
 
 
+@pytest.mark.slow
 def test_a_foot_that_rounding_keeps_from_a_face_moves_with_it():
     # Single precision knows the height 0.3 to 3e-8, and the foot to a little less.
     foot = np.array([np.sqrt(1 - 0.09), 0, 0.3 * (1 - 2e-6)])

@@ -140,6 +140,7 @@ def check(name, size, second):
             assert abs(float(_second(0.0, *found)) - curvature) <= 1e-8 * max(1, abs(curvature)), (name, d.turned)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 def test_first_derivatives_in_coefficients_and_boxes(name):
     check(name, 3, second=False)
