@@ -29,7 +29,7 @@ _WORTH = "0.1"
 # Tests in a process of their own find the same programs.
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = _WORTH
 os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
-# Programs that do not say from which lines their operations come take an eighth less time to make.
+# Programs without the source lines of their operations take a seventh less time to compile.
 os.environ["JAX_TRACEBACK_IN_LOCATIONS_LIMIT"] = "0"
 # Programs that the package itself keeps are read by the other processes of these tests, and again where they were
 # dropped, without being traced; the folder goes with the tests. Those that are about keeping name one of their own.
@@ -49,7 +49,7 @@ _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOve
 
 
 # The older emitters take a seventh less of the time that a search needs to compile, and no optimization another tenth.
-# Code made by one thread takes a twelfth less than by several, which other workers keep waiting anyway.
+# To compile a program on one thread takes a twelfth less than on several; the other core is the other worker's.
 # XLA ends a process that names a flag it does not know, and the first one is gone from jaxlib 0.11.2 on.
 FLAGS = ("--xla_cpu_use_fusion_emitters=false", "--xla_cpu_parallel_codegen_split_count=1")
 QUICK_FLAGS = (*FLAGS, "--xla_backend_optimization_level=0")

@@ -65,18 +65,30 @@ def _two_to(power: Any, dtype: Any) -> Array:
     return lax.bitcast_convert_type((jnp.asarray(power).astype(whole) + info.maxexp - 1) << info.nmant, dtype)
 
 
-def frexp(x: Array) -> tuple[Array, Array]:
-    """Mantissas in [1/2, 1) and exponents of finite numbers in a compiled program; 0 and 0 for zeros alone.
+def frexp(x: Any) -> tuple[Any, Any]:
+    """Mantissas in [1/2, 1) and exponents of finite numbers, subnormal ones too; 0 and 0 for zeros alone.
 
     A subnormal number is its integer mantissa times the smallest one, and integers become floats exactly.
+    `jax.numpy.frexp` reads subnormal numbers as zero, and fails for explicitly sharded batches (seen in 0.12.0.1).
     """
+    if not is_traced(x):
+        return np.frexp(x)
     info = jnp.finfo(x.dtype)
-    bits = lax.bitcast_convert_type(x, jnp.dtype(f"int{info.bits}"))
+    half = info.maxexp - 2  # the stored exponent of numbers in [1/2, 1)
+
+    def parts(x: Array) -> tuple[Array, Array]:
+        bits = lax.bitcast_convert_type(x, jnp.dtype(f"int{info.bits}"))
+        return bits, (bits >> info.nmant) & ((1 << info.nexp) - 1)
+
+    bits, stored = parts(x)
     digits = bits & ((1 << info.nmant) - 1)
-    subnormal = ((bits >> info.nmant) & ((1 << info.nexp) - 1) == 0) & (digits != 0)
-    whole = jnp.where(bits < 0, -digits, digits).astype(x.dtype)
-    mantissa, power = jnp.frexp(jnp.where(subnormal, whole, x))
-    return mantissa, power + jnp.where(subnormal, info.minexp - info.nmant, 0)
+    subnormal = (stored == 0) & (digits != 0)
+    x = jnp.where(subnormal, jnp.where(bits < 0, -digits, digits).astype(x.dtype), x)
+    bits, stored = parts(x)
+    usual = (stored > 0) & jnp.isfinite(x)
+    mantissa = lax.bitcast_convert_type(bits + ((half - stored) << info.nmant), x.dtype)
+    power = jnp.where(usual, stored - half, 0) + subnormal * (info.minexp - info.nmant)
+    return jnp.where(usual, mantissa, x), power.astype(jnp.int32)
 
 
 def ldexp(x: Any, power: Any) -> Any:
@@ -107,7 +119,7 @@ def unit_weights(weights: Any, axes: int | tuple[int, ...] = -1) -> Any:
     """Positive weights scaled to a largest one in [1/2, 1) along the axes, which changes no point; differentiable."""
     xp: Any = jnp if is_traced(weights) else np
     weights = xp.asarray(weights)
-    return ldexp(weights, -xp.frexp(xp.max(weights, axis=axes, keepdims=True))[1])
+    return ldexp(weights, -frexp(xp.max(weights, axis=axes, keepdims=True))[1])
 
 
 def length(vectors: Any) -> Any:

@@ -39,7 +39,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from jhd._arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd._arithmetic.scaling import ldexp
+from jhd._arithmetic.scaling import frexp, ldexp
 from jhd._runtime.arrays import is_traced
 
 # Columns of the table of triangles.
@@ -74,7 +74,7 @@ def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:
     xp: Any = jnp if is_traced(corners) else np
     roundoff = unit_roundoff(corners.dtype)
     edges = xp.roll(corners, -1, axis=1) - corners
-    power = xp.frexp(xp.max(xp.abs(edges), axis=(1, 2)))[1]
+    power = frexp(xp.max(xp.abs(edges), axis=(1, 2)))[1]
     edges = ldexp(edges, -power[:, None, None])
     turn = xp.argmax(xp.sqrt(_dot(edges, edges)), axis=1)
     places = (turn[:, None] + np.arange(3)) % 3

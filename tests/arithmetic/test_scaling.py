@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd._arithmetic.scaling import ldexp, length, scale_of, times_two_to, unit
+from jhd._arithmetic.scaling import frexp, ldexp, length, scale_of, times_two_to, unit
 
 
 @pytest.mark.parametrize("exponent", [-1000, -600, 0, 600, 1020])
@@ -47,6 +47,17 @@ def test_powers_of_two_are_exact_from_end_to_end_of_the_normal_numbers(dtype):
     most = info.maxexp - 24
     scales = [float(scale_of(jnp.asarray(int(k)), dtype)) for k in (most + 9, most, 3, 0, -most, -most - 9)]
     assert scales == [2.0**-most, 2.0**-most, 0.125, 1.0, 2.0**most, 2.0**most]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_compiled_mantissas_and_exponents_are_those_of_numpy(dtype):
+    info = np.finfo(dtype)
+    x = np.random.default_rng(1).integers(0, 256, (4096, info.bits // 8), np.uint8).view(dtype)[:, 0]
+    ends = np.array([0.0, 1.0, 0.5, info.max, info.tiny, info.smallest_subnormal], dtype)
+    few = np.nextafter(ends, dtype(0))
+    x = np.concatenate([x[np.isfinite(x)], ends, -ends, few, -few, 3 * ends[-1:]])
+    for found, exact in zip(jax.jit(frexp)(x), np.frexp(x), strict=True):
+        np.testing.assert_array_equal(np.asarray(found), exact, strict=True)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

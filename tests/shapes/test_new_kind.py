@@ -1,4 +1,4 @@
-"""A new kind of shape that consists of Bezier patches is one class; every entry serves it."""
+"""A new kind of shape that consists of Bezier segments or patches is one class; every entry serves it."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,64 @@ import pytest
 from typing_extensions import override
 
 import jhd
+from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.patch import AbstractPatch, BezierPatches
+
+
+class CircularArc(AbstractCurve):
+    """The arc about the origin from angle zero to an angle below pi."""
+
+    radius: jax.Array
+    angle: float
+
+    def __init__(self, radius, angle):
+        self.radius, self.angle = jnp.asarray(radius), angle
+
+    @property
+    def control_points(self):
+        half = 0.5 * self.angle
+        middle = jnp.array([1.0, jnp.tan(half)])
+        return self.radius * jnp.array([[1.0, 0.0], middle, [jnp.cos(self.angle), jnp.sin(self.angle)]])
+
+    @property
+    def weights(self):
+        return jnp.array([1.0, jnp.cos(0.5 * self.angle), 1.0])
+
+    @property
+    def _curve(self):
+        return jhd.BezierCurve(self.control_points, self.weights)
+
+    @override
+    def __call__(self, t):
+        return self._curve(t)
+
+    @override
+    def segments(self):
+        return self._curve.segments()
+
+    @override
+    def derivative(self):
+        return self._curve.derivative()
+
+    @override
+    def split(self, t):
+        return self._curve.split(t)
+
+    @override
+    def reverse(self):
+        return self._curve.reverse()
+
+    @override
+    def elevate(self, degree):
+        return self._curve.elevate(degree)
+
+    @override
+    def transform(self, matrix, offset=0.0):
+        return self._curve.transform(matrix, offset)
+
+    @override
+    def _summary(self):
+        return f"angle {self.angle}"
 
 
 class RuledSurface(AbstractPatch):
@@ -65,13 +122,39 @@ def test_distances_projections_and_derivatives():
 
 
 @pytest.mark.slow
+def test_a_new_kind_of_curve():
+    center = jhd.point_set([(0.0, 0.0)])
+    known = CircularArc(2.0, 1.5)
+    for function in (lambda arc: jhd.directed_hausdorff(center, arc), lambda arc: jhd.directed_hausdorff(arc, center)):
+        found = function(known)
+        assert found.lower <= 2.0 <= found.upper
+        # Passed in, closed over, and built inside.
+        assert float(jax.jit(function)(known).value) == pytest.approx(2.0, abs=1e-12)
+        assert float(jax.jit(lambda shift, f=function: f(known.transform(np.eye(2), shift)).value)(0.0)) == (
+            pytest.approx(2.0, abs=1e-12)
+        )
+        slope = jax.grad(lambda r, f=function: f(CircularArc(r, 1.5)).value)(2.0)
+        assert float(slope) == pytest.approx(1.0, abs=1e-9)
+    assert jhd.arc_length(known).lower <= 3.0 <= jhd.arc_length(known).upper
+    assert repr(known).startswith("CircularArc(angle 1.5")
+
+
+@pytest.mark.slow
 def test_what_searches_over_it_and_what_proves_it():
     low, high = wall(1.0), wall(1.5)
     found = jhd.hausdorff(low, high)
     assert found.lower <= 0.5 <= found.upper
     jhd.verify(jhd.certify(low, high, found))
-    assert jhd.minimum_distance(POINT, low).lower <= 2.0
+    nearest = jhd.minimum_distance(POINT, low)
+    assert nearest.lower <= 2.0 <= nearest.upper
     area = jhd.surface_area(low)
     # The arc length of the parabola.
     assert area.lower <= np.sqrt(2) + np.log(1 + np.sqrt(2)) <= area.upper
-    assert jhd.deviation(high, low).maximum.upper >= 0.5
+    largest = jhd.deviation(high, low).maximum
+    assert largest.lower <= 0.5 <= largest.upper
+    for traced in (
+        jax.jit(lambda a: jhd.hausdorff(a, high))(low),
+        jax.jit(lambda z: jhd.hausdorff(wall(z), high))(1.0),
+    ):
+        assert traced.lower <= 0.5 <= traced.upper
+    jhd.plot.solution(low, high, found)

@@ -232,7 +232,7 @@ def _scaled(a: Array, error: Array, exponents: Any) -> tuple[Array, Array]:
     lost = jnp.where(some & ~kept, 2.0**_LOWEST if a.dtype == jnp.float64 else smallest_normal(a.dtype), 0.0)
     scaled = jnp.where(kept & some, scaling.ldexp(mantissa, jnp.where(kept, shift, 0)), 0.0)
     # Errors are rounded up to a power of two of their own.
-    unit, power = jnp.frexp(error)
+    unit, power = scaling.frexp(error)
     power = power + exponents - jnp.max(total)
     grown = scaling.ldexp(unit, jnp.clip(power, _LOWEST, 1000))
     return scaled, jnp.where(error > 0, grown, 0.0) + lost

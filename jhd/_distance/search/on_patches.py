@@ -24,7 +24,7 @@ from jaxtyping import Array
 from typing_extensions import override
 
 from jhd._arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd._arithmetic.scaling import common_exponent, ldexp, length, times_two_to, unit_weights
+from jhd._arithmetic.scaling import common_exponent, frexp, ldexp, length, times_two_to, unit_weights
 from jhd._distance.cells.linear_proxies import beside_net, of_points
 from jhd._distance.cells.pairs import Cell, bound, nearest_in
 from jhd._distance.cells.squared_distance_bounds import distances_by_squares
@@ -329,7 +329,7 @@ def _about(net: Net, point: Array, piece: Array) -> _About:
     part = net.piece(piece)
     offsets = jnp.asarray(part.points) - point
     unit = jnp.maximum(jnp.max(jnp.abs(offsets)), 4 * smallest_normal(offsets.dtype))
-    power = jnp.frexp(unit)[1]
+    power = frexp(unit)[1]
     one = jnp.ones((1, 1, 3), offsets.dtype)
     return _About(Net(0 * one, None), Net(ldexp(offsets, -power), part.weights), power)
 

@@ -148,7 +148,7 @@ def from_means(a, b, weights):
     return jax.grad(lambda point: jhd.MeanDistance(True).estimate(points(point), curve))(a[1])
 
 
-def attack(kinds, seed, measured=from_segments, rational=False, dim=2, most=0):
+def attack(kinds, seed, measured=from_segments, rational=False, dim=2):
     """Compares gradients with those of closed forms; rational segments are the same curves at other speeds."""
     rng = np.random.default_rng(seed)
     cases = [_moved(kind(rng), rng, dim) for kind in kinds for _ in range(LANES)]
@@ -156,7 +156,7 @@ def attack(kinds, seed, measured=from_segments, rational=False, dim=2, most=0):
     a, b, expected = (np.stack([getattr(case, name) for case in cases]) for name in FootCase._fields)
     found = jax.tree_util.tree_map(np.asarray, measured(*jax.tree_util.tree_map(jnp.asarray, (a, b, weights))))
     off = np.max(np.abs(found - expected), axis=1)
-    assert np.sum(~(off < CLOSE)) <= most, [(k, off[k], cases[k]) for k in np.flatnonzero(~(off < CLOSE))[:3]]
+    assert np.all(off < CLOSE), [(k, off[k], cases[k]) for k in np.flatnonzero(~(off < CLOSE))[:3]]
 
 
 def _moved(case, rng, dim):
@@ -182,7 +182,7 @@ def test_gradients_of_nearest_points_at_tips_are_those_of_closed_forms(seed, rat
 
 
 def beside_a_cusp_of_centers(rng):
-    """The same where a rises so slowly that its bounds meet beside the axis, where only one of two feet is left."""
+    """A line as in `beside_a_vertex`, so flat that bounds meet beside the axis, where only one of both feet exists."""
     y = 0.5 + 10.0 ** rng.uniform(-6.5, -4.5)
     slope = 2 * np.sqrt(y - 0.5) * rng.uniform(-0.97, 0.97)
     a = np.array([[-0.3, y - 0.3 * slope], [0.3, y + 0.3 * slope]])
@@ -190,17 +190,21 @@ def beside_a_cusp_of_centers(rng):
     return FootCase(a, b, np.array([-slope, 1.0]) / (2 * np.sqrt(y - 0.25)))
 
 
+# One foot is named and not two, and the gradient is off by the height above the center of curvature.
+ONE_OF_TWO = pytest.mark.xfail(reason="one of two feet is named", raises=AssertionError, strict=True)
+
+
 @pytest.mark.exhaustive
-@pytest.mark.xfail(reason="a single foot is named, and the gradient is off by up to y - 1/2", strict=True)
+@ONE_OF_TWO
 def test_gradients_are_right_where_bounds_close_before_the_second_foot_appears():
     attack([beside_a_cusp_of_centers], 0)
 
 
+# Of seed 38 one case of 150 is of the kind of the test above.
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", [pytest.param(k, marks=[ONE_OF_TWO] if k == 38 else []) for k in range(40)])
 def test_gradients_in_space_at_degenerate_feet_are_those_of_closed_forms(seed):
-    # Of seed 38 one case of 150 is of the kind of the test above.
-    attack(KINDS, seed, dim=3, most=int(seed == 38))
+    attack(KINDS, seed, dim=3)
 
 
 @pytest.mark.exhaustive
