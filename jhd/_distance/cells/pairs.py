@@ -36,6 +36,9 @@ _STEPS = 5
 # Cells thinner than this many units of roundoff are not cut.
 _THINNEST = 16
 
+# A squared speed along a parameter below this share of the largest is none.
+_STILL = 1e-20
+
 
 class Cell(NamedTuple):
     """A box of parameters: the pieces of both shapes, and the ends of the n = n_a + n_b parameters.
@@ -130,12 +133,16 @@ def nearest_in(
 
     def step(k: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         x, best, least = state
-        e, g, h = derivatives(jet(part_a, x[:n]), jet(part_b, x[n:]))
+        jets = jet(part_a, x[:n]), jet(part_b, x[n:])
+        e, g, h = derivatives(*jets)
         square = e @ e
         # At a tie the later one, which the step has improved beyond what squares can tell.
         nearer = square <= least
         best, least = jnp.where(nearer, x, best), jnp.where(nearer, square, least)
-        held = fixed | ((x <= 0) & (g > 0)) | ((x >= 1) & (g < 0))
+        # On a collapsed edge the step leads away from it: the parameter along it has no slope there.
+        speeds = jnp.sum(_joined(*jets) ** 2, axis=-1)
+        still = speeds <= _STILL * jnp.max(speeds)
+        held = fixed | still | ((x <= 0) & (g > 0)) | ((x >= 1) & (g < 0))
         moved = newton_step(g, h, held)
         ahead = jnp.clip(x + moved, 0.0, 1.0)
         if not mending:

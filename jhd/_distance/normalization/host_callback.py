@@ -3,7 +3,7 @@
 What is called is not differentiated; derivatives are attached to its answer outside, by the rules that serve known
 shapes. Only `answer_in_program` differentiates, since the locations that a statistic is summed over depend on the
 numbers of the shapes: a function that is differentiated calls once for the answer and for the gradient of its value.
-Of a batch the calls run one after the other.
+Of a batch the calls run one after the other; where only points of one shape differ, they are one call.
 
 A call computes on a device of its own (`host_device`): the compiled function that waits for it may occupy all threads
 of its device. JAX would choose the function's device, and what runs on a chosen device is not kept on disk.
@@ -22,22 +22,40 @@ from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution
 from jhd._runtime.jax_internals import host_device
 
 
-def from_host(function: Callable[..., Any], like: Any, *arguments: Any) -> Any:
+def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bool = False) -> Any:
     """What a function of known arrays gives, where the arrays are traced.
 
     Args:
         function: takes the arguments with NumPy arrays in place of tracers; its answer is a function of them alone.
         like: shapes and types of its answer, as jax.ShapeDtypeStruct.
         arguments: pytrees of arrays.
+        rows: the first argument is an array whose rows have one row each of the answer; a batch of it is one call.
     """
     device = host_device()
+    ranks = [np.ndim(x) for x in jax.tree_util.tree_leaves(arguments)]
 
     def known(*values: Any) -> Any:
-        with jax.default_device(device):
-            found = function(*jax.tree_util.tree_map(np.asarray, values))
-        return jax.tree_util.tree_map(lambda x, s: np.asarray(x, s.dtype).reshape(s.shape), found, like)
+        leaves, form = jax.tree_util.tree_flatten(jax.tree_util.tree_map(np.asarray, values))
+        batches = [x.shape[: x.ndim - rank] for x, rank in zip(leaves, ranks, strict=True)]
+        every, others = np.broadcast_shapes(*batches), np.broadcast_shapes(*batches[1:])
+        points = np.broadcast_to(leaves[0], every + leaves[0].shape[len(every) :])
+        leaves = [np.broadcast_to(x, others + x.shape[len(others) :]) for x in leaves[1:]]
+        out = jax.tree_util.tree_map(lambda s: np.empty(every + s.shape, s.dtype), like)
+        for k in np.ndindex(others):
+            some = tuple(slice(None) if n == 1 else i for n, i in zip(others, k, strict=True))
+            rows = points[some]
+            joined = rows.reshape(-1, *points.shape[len(every) + 1 :]) if rows.ndim > ranks[0] else rows
+            found = function(*form.unflatten([joined, *(x[k] for x in leaves)]))
+            for whole, part in zip(*map(jax.tree_util.tree_leaves, (out, found)), strict=True):
+                whole[some] = np.reshape(part, whole[some].shape)
+        return out
 
-    return jax.pure_callback(known, like, *jax.lax.stop_gradient(arguments), vmap_method="sequential")
+    def on_host(*values: Any) -> Any:
+        with jax.default_device(device):
+            return known(*values)
+
+    method = "expand_dims" if rows else "sequential"
+    return jax.pure_callback(on_host, like, *jax.lax.stop_gradient(arguments), vmap_method=method)
 
 
 def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes: Any, *options: Any) -> Any:

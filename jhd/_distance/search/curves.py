@@ -33,7 +33,7 @@ from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import CurvePlace, piece_of
 from jhd._distance.normalization.stopping import Aim, Wanted, default_tolerance
 from jhd._distance.witness import active
-from jhd._distance.witness.events import describe
+from jhd._distance.witness.events import OPEN, ZERO, describe
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 from jhd._runtime.arrays import varying
 from jhd._shapes.curve import BezierSegments
@@ -56,9 +56,9 @@ _NEAR_END = 0.02
 _FLOOR = 8
 # Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
 _NOISE, _AGREEING = 4, 64
-# Attempts to refine a maximum: from the place found, from where that leads to, from between both, and with the feet of
-# the place alone.
-_TRIALS = 4
+# Attempts to refine a maximum: from the place found, from where that leads to, from places between, and with the feet
+# of the place found alone; and after how many there must be places on both sides of the maximum.
+_TRIALS, _LED = 12, 2
 
 
 class _Tolerances(NamedTuple):
@@ -207,46 +207,69 @@ class _RefinedWitness(NamedTuple):
     foot: CurvePlace
 
 
+class _RefinementTrial(NamedTuple):
+    """Attempts to refine a maximum: how many, the last one, where the next one begins, and a place on each side."""
+
+    count: Array
+    found: _RefinedWitness
+    at: CurvePlace
+    foot: CurvePlace
+    sides: tuple[CurvePlace, CurvePlace]  # places of a where the distance rises and falls, and the foot of each
+
+
 def _refined(a: BezierSegments, near: NearCurve, state: CurveState) -> _RefinedWitness:
     """The witness of a search, with value and lower bound.
 
     First with the feet that count wherever the gap leaves the maximum, then with those that count where these lead to,
-    then from where two feet are equally near between there and the place of the search: beside a cusp of the evolute
-    both exist only near the tie. If no such maximum is found, the feet count that are equally near where the search
-    stopped.
+    then from places between two where the distance rises and falls: beside a cusp of the evolute both feet exist only
+    near the tie. If no such maximum is found, the feet count that are equally near where the search stopped.
     """
 
-    def again(tried: tuple[Array, _RefinedWitness]) -> Array:
-        return (tried[0] < _TRIALS) & ~tried[1].solved
+    def again(tried: _RefinementTrial) -> Array:
+        return (tried.count < _TRIALS) & ~tried.found.solved
 
-    def next_(tried: tuple[Array, _RefinedWitness]) -> tuple[Array, _RefinedWitness]:
-        count, (*_, at, foot) = tried
-        moved = (count > 0) & (count < _TRIALS - 1)
-        both = jax.tree_util.tree_map(lambda *x: jnp.stack(x), (state.at, state.foot), (at, foot))
-        between = _between(a, near.curve, *both)
-        at = at._replace(t=jnp.where(count == _TRIALS - 2, between, at.t))
-        found = describe(a, near.curve, _where(moved, at, state.at), _where(moved, foot, state.foot))
-        reach = jnp.where(count < _TRIALS - 1, found.reach(state.upper - state.lower), 0.0)
-        return count + 1, _polished(a, near, found.witness(reach), state)
+    def next_(tried: _RefinementTrial) -> _RefinementTrial:
+        last = tried.count == _TRIALS - 1
+        at, foot = _where(last, state.at, tried.at), _where(last, state.foot, tried.foot)
+        here = describe(a, near.curve, at, foot)
+        reach = jnp.where(last, 0.0, here.reach(state.upper - state.lower))
+        found = _polished(a, near, here.witness(reach), state)
+        more = (tried.sides[0], at, found.at), (tried.sides[1], here.nearest, found.foot)
+        places, feet = (
+            jax.tree_util.tree_map(lambda x, *y: jnp.concatenate([x, jnp.stack(y)]), *parts) for parts in more
+        )
+        sides, between, apart = _between(a, near.curve, places, feet, state.upper - state.lower)
+        at = found.at._replace(t=jnp.where(tried.count > 0, between, found.at.t))
+        count = jnp.where(last | apart | (tried.count < _LED), tried.count + 1, _TRIALS - 1)
+        return _RefinementTrial(count, found, at, found.foot, sides)
 
     (segment, t), (k, s) = state.at, state.foot
     feet, one = jnp.zeros((2, a.dim), t.dtype), jnp.array([1.0, 0.0], t.dtype)
     feet_at, event, direction = (jnp.stack([k, k]), jnp.stack([s, s])), EVENTS.antipodal, DIRECTIONS.a_to_b
     witness = Witness(segment, t, feet[0], feet, *feet_at, one, event, direction)
     untried = _RefinedWitness(witness, t, t, jnp.array(False), state.at, state.foot)
-    return jax.lax.while_loop(again, next_, varying((jnp.array(0), untried), a, near, state))[1]
+    sides = jax.tree_util.tree_map(lambda x: jnp.stack([x, x]), (state.at, state.foot))
+    start = _RefinementTrial(jnp.array(0), untried, state.at, state.foot, sides)
+    return jax.lax.while_loop(again, next_, varying(start, a, near, state)).found
 
 
-def _between(a: BezierSegments, b: BezierSegments, at: CurvePlace, feet: CurvePlace) -> Array:
-    """Return the parameter where two feet are equally near to first order, if it lies between their places on a.
+def _between(
+    a: BezierSegments, b: BezierSegments, at: CurvePlace, feet: CurvePlace, gap: Array
+) -> tuple[tuple, Array, Array]:
+    """Return the last place where the distance rises and the first where it falls, and a parameter between them.
 
-    Otherwise, return the parameter of the second place.
+    It is the one at which the linear models of the distance at both places agree, or the middle of the places. If there
+    is one place only, it is the farthest parameter at which the maximum can be if the distance rises by the gap.
 
     Args:
         a: the curve that carries the maximum.
         b: the other one.
-        at: two places on a, stacked.
+        at: places on a, stacked.
         feet: the foot of each on b.
+        gap: of the bounds.
+
+    Returns:
+        Both places with their feet, stacked; the parameter; whether there are such places on one segment.
     """
 
     def model(at: CurvePlace, foot: CurvePlace) -> tuple[Array, Array]:
@@ -255,11 +278,23 @@ def _between(a: BezierSegments, b: BezierSegments, at: CurvePlace, feet: CurvePl
         distance = jnp.sqrt(jnp.sum(apart**2))
         return distance, jnp.sum(apart * here.first) / jnp.where(distance > 0, distance, 1.0)
 
-    (distance, slope), (start, end) = jax.vmap(model)(at, feet), at.t
-    bend = slope[0] - slope[1]
-    t = start + (distance[1] - distance[0] + slope[1] * (start - end)) / jnp.where(bend != 0, bend, 1.0)
-    inside = ((t - start) * (end - t) > 0) & (at.segment[0] == at.segment[1])
-    return jnp.where(inside, t, end)
+    distance, slope = jax.vmap(model)(at, feet)
+    here = at.segment == at.segment[0]
+    chosen = jnp.stack(
+        [
+            jnp.argmax(jnp.where(here & (slope > 0), at.t, -jnp.inf)),
+            jnp.argmin(jnp.where(here & (slope < 0), at.t, jnp.inf)),
+        ]
+    )
+    sides = jax.tree_util.tree_map(lambda x: x[chosen], (at, feet))
+    (rise, fall), (low, high), (start, end) = slope[chosen], distance[chosen], at.t[chosen]
+    apart = (rise > 0) & (fall < 0) & (start < end) & jnp.all(here[chosen])
+    t = start + (high - low + fall * (start - end)) / jnp.where(apart, rise - fall, 1.0)
+    t = jnp.where((t > start) & (t < end), t, 0.5 * (start + end))
+    rises = (rise > 0) & here[chosen[0]]
+    steep = jnp.where(rises, rise, jnp.minimum(fall, -ZERO))
+    beyond = jnp.clip(jnp.where(rises, start, end) + OPEN * gap / steep, 0.0, 1.0)
+    return sides, jnp.where(apart, t, beyond), apart
 
 
 def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: CurveState) -> _RefinedWitness:

@@ -43,6 +43,10 @@ from jhd._triangles.closest_point import outward
 _SAMPLES, _FOOT_STEPS = 6, 10
 # Queries or cells that are bounded side by side: few, since often there are no more.
 _LANES = 8
+# Distances are equal if they differ by less than this many units of roundoff of the surface and the distance.
+_TIED = 16
+# Feet no farther from a place onto which an edge is collapsed are looked for all around it.
+_AT_POLE = 1e-5
 # Newton steps that mend feet, and how much they may change parameters.
 _MENDING, _MENDED = 2, 1e-6
 # Cells of a query from which on squares bound them too. They do from the first cell on for queries with no convex part,
@@ -106,7 +110,8 @@ class NetTarget(AbstractTarget):
         self._places, self._strides = places, _SAMPLES ** np.arange(self.net.parameters)[::-1]
         found = starts_among(samples.reshape(self.count, *[_SAMPLES] * self.net.parameters, 3))
         self._samples = SampledStarts(samples.reshape(-1, 3)[found.rows])
-        self._rows, self._beside = found
+        self._rows, self._beside, self._at_poles = found
+        self._poles = samples.reshape(-1, 3)[self._at_poles[:, 0]]
         # Feet are rounded once where they are moved back.
         back = np.sqrt(3) * gamma(2, points.dtype) * float(np.max(np.abs(given))) if self._is_moved else 0.0
         self._off = float(np.ldexp(point_error(self.net), self.exponent)) + back
@@ -213,6 +218,13 @@ class NetTarget(AbstractTarget):
         who, column = np.nonzero(sample >= 0)
         if len(who):
             _take_over(feet, rows[who], self._from_samples(points[rows[who]], shift, sample[who, column]))
+        # Beside a pole Newton's method turns by less than 45 degrees: it starts from all samples around.
+        for pole, samples in zip(np.ldexp(self._poles, -shift), self._at_poles, strict=True):
+            rows = np.flatnonzero(np.max(np.abs(feet.point - pole), axis=1) <= _AT_POLE)
+            samples = samples[samples >= 0]
+            who = np.repeat(rows, len(samples))
+            if len(who):
+                _take_over(feet, who, self._from_samples(points[who], shift, np.tile(samples, len(rows))))
         return feet
 
     def _from_samples(self, points: np.ndarray, shift: int, sample: np.ndarray) -> _Feet:
@@ -306,10 +318,20 @@ def _halved(cells: PieceParts, axis: np.ndarray) -> PieceParts:
 
 def _take_over(feet: _Feet, who: np.ndarray, found: _Feet) -> None:
     """The feet found, of any queries, where they are nearer than those known."""
-    order = np.lexsort((-found.upper, who))
+    new, old = _settled_first(found), _settled_first(feet)[who]
+    order = np.lexsort((-new, who))
     # Of each query the nearest is written last.
-    rows = order[found.upper[order] < feet.upper[who[order]]]
+    rows = order[new[order] < old[order]]
     feet.put(who[rows], found.take(rows))
+
+
+def _settled_first(feet: _Feet) -> np.ndarray:
+    """Distances by which feet are chosen: of those that are equal up to rounding one that no border of a piece holds.
+
+    A neighbor of the piece may have the foot, and its distance tells it to within the root of rounding only.
+    """
+    border = np.any((feet.x <= 0) | (feet.x >= 1), axis=1)
+    return feet.upper + np.where(border, _TIED * float(np.finfo(feet.x.dtype).eps) * (1 + feet.upper), 0.0)
 
 
 class _About(NamedTuple):

@@ -41,10 +41,18 @@ def samples_beside(samples: np.ndarray) -> np.ndarray:
 
 
 class StartsOfFeet(NamedTuple):
-    """The numbers of samples that feet are looked for from, and for each of all samples others at its place, or -1."""
+    """Starts of feet.
+
+    Args:
+        rows: the numbers of the samples that feet are looked for from.
+        beside: for each of all samples others at its place, or -1.
+        poles: (poles, most) the numbers of the samples of all pieces at each place onto which an edge is collapsed, -1
+            after the last one.
+    """
 
     rows: np.ndarray
     beside: np.ndarray
+    poles: np.ndarray
 
 
 def starts_among(samples: np.ndarray) -> StartsOfFeet:
@@ -59,7 +67,25 @@ def starts_among(samples: np.ndarray) -> StartsOfFeet:
     among = samples_beside(flat[kept])
     beside = np.full((len(samples) * many, among.shape[1]), -1)
     beside[rows] = np.where(among >= 0, rows[among], -1)
-    return StartsOfFeet(rows, beside)
+    poles = _poles(samples[kept])
+    return StartsOfFeet(rows, beside, np.where(poles >= 0, rows[poles], -1))
+
+
+def _poles(samples: np.ndarray) -> np.ndarray:
+    """The numbers of the samples at each place where neighboring samples of a piece coincide, -1 after the last one."""
+    alike = np.zeros(samples.shape[:-1], bool)
+    for axis in range(1, samples.ndim - 1):
+        same = np.all(np.abs(np.diff(samples, axis=axis)) * _SAME <= 1, axis=-1)
+        for end in ((1, 0), (0, 1)):
+            alike |= np.pad(same, [end if k == axis else (0, 0) for k in range(samples.ndim - 1)])
+    rows = np.flatnonzero(alike)
+    places = np.rint(samples.reshape(-1, 3)[rows].astype(np.float64) * _SAME)
+    _, place, count = np.unique(places, axis=0, return_inverse=True, return_counts=True)
+    found = np.full((len(count), max(count, default=1)), -1)
+    order = np.argsort(place.ravel(), kind="stable")
+    column = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
+    found[place.ravel()[order], column] = rows[order]
+    return found
 
 
 def _apart_from_others(samples: np.ndarray) -> np.ndarray:

@@ -97,7 +97,7 @@ def _traced(points: Array, surface: Any) -> Projection:
     whole = jax.ShapeDtypeStruct((count,), jnp.int32)
     t = wide(2) if isinstance(surface, BezierPatches) else wide()
     like = (numbers, numbers, numbers, wide(3), whole, t, whole)
-    return _projection(*from_host(_answer, like, points, surface))
+    return _projection(*from_host(_answer, like, points, surface, rows=True))
 
 
 def _projection(*parts: Any) -> Projection:

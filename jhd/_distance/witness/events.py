@@ -32,7 +32,7 @@ ZERO = 3e-14
 # both are known to a small share of the size, and so are all directions between them.
 _SAME_FOOT, _UNCERTAIN, _MERGED = 1e-6, 16, 1e-3
 # By how much the gap may be too small, and the farthest that a place may be from its maximum.
-_OPEN, _FARTHEST = 4, 1.0
+OPEN, _FARTHEST = 4, 1.0
 # Starts of Newton's method on each segment when the feet of a witness are gathered; of more segments than curves
 # are usually padded to those with the smallest lower bounds are searched.
 _STARTS, _SEARCHED = 8, 48
@@ -96,13 +96,19 @@ class Described(NamedTuple):
     distances: Array
     slopes: Array
 
+    @property
+    def nearest(self) -> CurvePlace:
+        """The nearest of the feet."""
+        k = jnp.argmin(self.distances)
+        return CurvePlace(self.segments[k], self.params[k])
+
     def reach(self, gap: Array) -> Array:
         """How far along a the maximum can be, where the bounds of the distance are apart by `gap`.
 
         The distance to the nearest foot rises towards it, and no more than the gap.
         """
         steep = jnp.max(self.slopes[jnp.argmin(self.distances)])
-        reach = jnp.where(steep > 0, _OPEN * gap / jnp.where(steep > 0, steep, 1.0), 0.0)
+        reach = jnp.where(steep > 0, OPEN * gap / jnp.where(steep > 0, steep, 1.0), 0.0)
         return jnp.minimum(reach, _FARTHEST)
 
     def witness(self, reach: Array | float = 0.0) -> Witness:

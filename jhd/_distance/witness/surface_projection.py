@@ -28,6 +28,8 @@ from jhd._runtime.compiled import compiled
 
 # A derivative this much shorter than the piece is large is that along a collapsed edge; above, feet have six digits.
 _COLLAPSED = 1e-10
+# So near to a collapsed edge, as a share of the piece, feet are known only if the distance is stationary to this angle.
+_TOLD, _STATIONARY = 1e-7, 1e-11
 # Newton's steps before those that are differentiated, and how far one may move a foot as a share of the piece.
 _POLISHING, _KNOWN = 8, 1e-6
 # How far it may turn around a pole, as a share of the parameters.
@@ -127,7 +129,9 @@ def _held(piece: Net, apart: Array, x: Array) -> tuple[Array, Array]:
     sizes = lengths * length(apart + at.point)
     # On a collapsed edge a piece beside this one may hold the foot, as far as it is known.
     pressed = presses(x, slope, sizes) & ~(jnp.any(collapsed) & (jnp.abs(slope) <= _KNOWN * sizes))
-    pole = jnp.any(collapsed) & ~jnp.all(collapsed | pressed)
+    # So near to the edge distances do not tell which piece has the foot: where it is not stationary nothing is known.
+    beside = jnp.any(~collapsed & (lengths <= _TOLD * _size(piece)) & (jnp.abs(slope) > _STATIONARY * sizes))
+    pole = jnp.any(collapsed) & ~jnp.all(collapsed | pressed) | beside
     held = pressed | collapsed
     hessian = _hessian(at, apart + at.point, held)
     size = jnp.prod(jnp.sum(jnp.abs(hessian), axis=-1))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.search import targets
 from jhd._distance.search.targets import target_of
 from jhd._results.solution import RESULTS, name_of
 from tests.differences import differences
@@ -235,39 +236,76 @@ def unit_sphere():
     return jhd.BezierPatches(rows * signs[:, None, None], np.stack([w] * 8))
 
 
-SIDE_OF_A_POLE = pytest.mark.xfail(
-    reason="1 in 60 feet beside a pole is held at a side", raises=AssertionError, strict=True
-)
+def polar(angle, turn):
+    """Points of the unit sphere about its pole (0, 0, 1)."""
+    return np.stack([np.cos(turn) * np.sin(angle), np.sin(turn) * np.sin(angle), np.cos(angle)], axis=1)
 
 
-@pytest.mark.parametrize(
-    "many",
-    [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=[pytest.mark.exhaustive, SIDE_OF_A_POLE])],
-)
-def test_second_derivatives_beside_a_pole_are_right_and_unknown_on_it(many):
-    angle, ball = np.array([0.0, 3e-10, 1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-4, 0.3]), unit_sphere()
+def derivatives_beside_a_sphere(normal, distance):
+    """Gradients, and second derivatives in units of the exact ones, at queries on some rays from the center."""
+    ball = unit_sphere()
+    value = lambda p: jhd.project(p, ball).distance  # noqa: E731
+    foot = lambda p: jhd.project(p, ball).foot  # noqa: E731
+    functions = jax.grad(value), jax.hessian(value), jax.jacobian(foot)
+    gradient, hessian, moved = (np.asarray(jax.jit(jax.vmap(f))((1 + distance) * normal)) for f in functions)
+    # The distance is |p| - 1, the foot p / |p|.
+    exact = np.eye(3) - normal[:, :, None] * normal[:, None]
+    return gradient, [(1 + distance) * found - exact for found in (hessian, moved)]
+
+
+@pytest.mark.parametrize(("many", "distance"), swept([(False, 1.0), *((True, d) for d in (1.0, 1e-3, 99.0))], slow=1))
+def test_second_derivatives_beside_a_pole_are_right_and_unknown_on_it(many, distance):
+    angle = np.array([0.0, 3e-10, 1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-4, 0.3])
     turn = np.full(len(angle), np.arctan2(0.8, 0.6))
     if many:
         rng = np.random.default_rng(7)
-        angle = np.append(0.0, 10.0 ** rng.uniform(-9.5, -0.5, 2000))
+        angle = np.append(0.0, 10.0 ** rng.uniform(-9.5, -0.5, 4000))
         turn = rng.uniform(0, 2 * np.pi, len(angle))
-    normal = np.stack([np.cos(turn) * np.sin(angle), np.sin(turn) * np.sin(angle), np.cos(angle)], axis=1)
+    normal = polar(angle, turn)
+    gradient, offs = derivatives_beside_a_sphere(normal, distance)
+    unknown = np.isnan(offs[0][:, 0, 0])
+    np.testing.assert_allclose(gradient[~unknown], normal[~unknown], atol=1e-12)
+    # So near to the pole that distances do not tell the quarter of the foot, it may be unknown.
+    np.testing.assert_allclose(gradient, normal, atol=1e-7)
+    assert unknown[0]
+    assert np.all(angle[unknown] < 1e-7)
+    assert np.sum(unknown) <= len(angle) / 100 + 1
+    for off in offs:
+        assert np.all(np.isnan(off[unknown]))
+        np.testing.assert_allclose(off[~unknown], 0, atol=2e-6)
 
-    def distance(p):
-        return jhd.project(p, ball).distance
 
-    def foot(p):
-        return jhd.project(p, ball).foot
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("distance", [1e-3, 1.0, 99.0])
+def test_derivatives_beside_a_border_of_two_patches_are_those_of_the_surface(distance):
+    rng = np.random.default_rng(4)
+    beside = 10.0 ** rng.uniform(-9, -5, 1000) * rng.choice([-1, 1], 1000)
+    along = rng.uniform(0.1, 1.4, 1000)
+    # The places are beside a side of two octants, and beside the equator.
+    for normal in (polar(along, beside), polar(np.pi / 2 + beside, along)):
+        gradient, offs = derivatives_beside_a_sphere(normal, distance)
+        np.testing.assert_allclose(gradient, normal, atol=1e-12)
+        for off in offs:
+            np.testing.assert_allclose(off, 0, atol=1e-6)
 
-    gradient, hessian, moved = (
-        jax.jit(jax.vmap(f))(2 * normal) for f in (jax.grad(distance), jax.hessian(distance), jax.jacobian(foot))
-    )
-    np.testing.assert_allclose(gradient, normal, atol=1e-12)
-    # The distance is |p| - 1, the foot p / |p|.
-    exact = 0.5 * (np.eye(3) - normal[:, :, None] * normal[:, None])
-    for found in (hessian, moved):
-        np.testing.assert_allclose(found[1:], exact[1:], atol=1e-6)
-        assert np.all(np.isnan(found[0]))
+
+@pytest.mark.slow
+def test_a_batch_of_points_under_vmap_is_one_call_of_the_host(monkeypatch):
+    calls = []
+    answer = targets._answer
+    monkeypatch.setattr(targets, "_answer", lambda *given: calls.append(len(given[0])) or answer(*given))
+    rng = np.random.default_rng(0)
+    points, nets = jnp.asarray(rng.normal(size=(3, 5, 2, 3))), jnp.asarray(rng.normal(size=(3, 4, 4, 3)))
+    distance = lambda p, net: jhd.project(p, jhd.BezierPatch(net)).distance  # noqa: E731
+    over_points = jax.vmap(jax.vmap(distance, (0, None)), (0, None))
+    found = jax.jit(jax.vmap(over_points))(points, nets)
+    assert calls == [10] * 3
+    calls.clear()
+    alone = [jax.jit(over_points)(p, net) for p, net in zip(points, nets, strict=True)]
+    assert calls == [10] * 3
+    plain = [distance(p.reshape(-1, 3), net).reshape(5, 2) for p, net in zip(points, nets, strict=True)]
+    for values in (found, jnp.stack(alone)):
+        np.testing.assert_array_equal(values, jnp.stack(plain))
 
 
 @pytest.mark.slow
