@@ -3,7 +3,7 @@
 Random pairs of two kinds: single cubics, with normal control points; and closed cubic B-splines of 30 control points,
 two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, proven to 1e-10 of the diagonal,
 
-- of a batch of 1 to 1 024 pairs (4 096 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
+- of a batch of 1 to 1 024 pairs (64 to 8 192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
 - one by one, by one compiled program;
 - one by one, by plain calls.
 
@@ -20,7 +20,7 @@ single cubics, a third for curves of 30 segments. There the trees take several t
 long for single cubics, with errors of 1e-6.
 
 Feeds: figure and table "throughput".
-Takes: 2 minutes.
+Takes: 2 minutes; on an accelerator about 7, most of them to compile.
 """
 
 import time
@@ -38,7 +38,8 @@ import jhd
 from jhd._distance.normalization.curves import padded_count
 
 _BATCHES = (1, 4, 16, 64, 256, 1024)
-_LARGER = 4096
+# On an accelerator a program takes half a minute to compile for each size, and a call tens of milliseconds.
+_ON_ACCELERATOR = (64, 1024, 8192)
 # All batches up to this size, and all that goes one by one, take the same pairs.
 _CLAIMED = 256
 _SEGMENTS = 30
@@ -46,7 +47,7 @@ _SAMPLES = 100
 # Mean radius and stretch of the ellipses, and the standard deviation of the radius, in radii.
 _RADIUS, _STRETCH, _NOISE = 100.0, 1.2, 0.1
 # Everything is measured in turns, so that what else runs on the machine slows all of it; the first turn is not counted.
-_ROUNDS = 5
+_ROUNDS, _FEW_ROUNDS = 5, 2
 
 Pair = tuple[jhd.BezierSegments, jhd.BezierSegments]
 
@@ -65,7 +66,7 @@ def main() -> None:
     # Plugins of JAX are accelerators. To ask JAX itself would start its threads, before they are kept to one core.
     run = Run(__file__, __doc__, one_core=find_spec("jax_plugins") is None)
     platform = jax.default_backend()
-    batches = (4,) if run.smoke else (*_BATCHES, *([] if platform == "cpu" else [_LARGER]))
+    batches = (4,) if run.smoke else _BATCHES if platform == "cpu" else _ON_ACCELERATOR
     kinds = {"cubics": _cubic} if run.smoke else {"cubics": _cubic, "splines": _tracing}
     found = {}
     for name, draw in kinds.items():
@@ -110,7 +111,8 @@ def _measured(run: Run, pairs: list[Pair], batches: tuple[int, ...]) -> dict[str
         "k-d tree": lambda: [_trees(*rows) for rows in samples],
     }
     found = {name: jax.block_until_ready(call()) for name, call in calls.items()}
-    rounds = [[_seconds(call) for call in calls.values()] for _ in range(1 if run.smoke else _ROUNDS)]
+    count = _ROUNDS if jax.default_backend() == "cpu" else _FEW_ROUNDS
+    rounds = [[_seconds(call) for call in calls.values()] for _ in range(1 if run.smoke else count)]
     counts = [max(name, len(few)) if name in parts else len(few) for name in calls]
     each = dict(zip(calls, np.median(rounds, axis=0) / counts, strict=True))
     return {
