@@ -7,6 +7,7 @@ import jhd
 from jhd._distance.witness.critical import local_pairs
 from jhd._fitting.expansion import Moving, expand
 from tests.distance.pairs import BY_NAME, curve
+from tests.distance.witness.test_critical import STILL, cubic
 from tests.sweeps import swept
 
 # Step along a line of homogeneous control points; third and fourth derivatives and rounding leave these errors.
@@ -66,3 +67,21 @@ def test_a_foot_stays_at_an_end_that_stands_still_up_to_rounding():
     found = expand(pairs, moving[0], moving[1], 1e-3)
     bend = found.hessian(np.eye(len(found.value))[0])[0, 0]
     np.testing.assert_allclose([found.value[0], found.gradient[0, 0], bend], [1, -1, 0.09], rtol=1e-12)
+
+
+@pytest.mark.parametrize("count", swept([1, 40], slow=[1]))
+def test_derivatives_of_the_largest_pair_of_curves_that_stand_still_agree_with_differences(count):
+    for kinds in STILL:
+        rng = np.random.default_rng(9)
+        for _ in range(count):
+            fixed, moving = (cubic(kind(rng)) for kind in kinds)
+            points, way = np.asarray(moving.homogeneous), np.append(rng.normal(size=(1, 4, 2)), np.zeros((1, 4, 1)), -1)
+
+            def pairs(x, fixed=fixed, points=points, way=way):
+                return jhd.critical_pairs(fixed, rational(points + x * way, None), CAPACITY)
+
+            still = Moving(np.asarray(fixed.homogeneous), None, True)
+            found = expand(pairs(0.0), still, Moving(points, way[..., None], True), 1e-3)
+            ahead, behind = ((float(pairs(x).value[0]) - found.value[0]) / x for x in (1e-6, -1e-6))
+            # Beside a tie of two maxima it is one of the one-sided slopes.
+            assert min(ahead, behind) - 1e-4 <= found.gradient[0, 0] <= max(ahead, behind) + 1e-4, (fixed, moving)

@@ -10,10 +10,12 @@ import pytest
 import jhd
 from jhd._distance.normalization.pieces import CurvePlace
 from jhd._fitting import soft
+from tests.distance.witness.test_critical import STILL
 from tests.sweeps import swept
 
 ROUNDING = 16 * np.finfo(float).eps
 SMOOTHING = math.log(1 + soft.WEIGHT)
+HEAT = 0.03
 
 
 def random_rows(seed):
@@ -190,3 +192,26 @@ def test_feet_that_still_move_are_followed_on_however_many_there_are():
     start = CurvePlace(jnp.zeros(1000, int), jnp.zeros(1000))
     found = np.asarray(soft._followed(foot, jnp.asarray(slow, float), start).t)
     assert np.all(found[slow] >= 1 - 0.5 ** (soft._FOLLOW + soft._FURTHER)) and np.all(found[~slow] == 0)
+
+
+@pytest.mark.parametrize("count", swept([1, 40], slow=[1]))
+def test_on_curves_that_stand_still_it_lies_above_the_distance_and_its_gradient_is_that_of_differences(count):
+    soft_with_gradient = jax.jit(
+        jax.value_and_grad(lambda a, b: jhd.soft_hausdorff(jhd.BezierSegments(a), jhd.BezierSegments(b), HEAT), (0, 1))
+    )
+    for kinds in STILL:
+        rng = np.random.default_rng(8)
+        for _ in range(count):
+            rows = [kind(rng)[None] for kind in kinds]
+            ways = [rng.normal(size=x.shape) for x in rows]
+            value, gradient = soft_with_gradient(*rows)
+            a, b = (jhd.BezierSegments(x) for x in rows)
+            hard = jhd.hausdorff(a, b).upper
+            assert hard * (1 - 1e-9) <= value <= hard + HEAT * SMOOTHING + 1e-9
+            slope = sum(float(np.sum(x * y)) for x, y in zip(gradient, ways, strict=True))
+            # Beside a tie of two feet or maxima it is one of the one-sided slopes, or between them.
+            ahead, behind = (
+                float(soft_with_gradient(*(x + step * y for x, y in zip(rows, ways, strict=True)))[0] - value) / step
+                for step in (1e-6, -1e-6)
+            )
+            assert min(ahead, behind) - 1e-4 <= slope <= max(ahead, behind) + 1e-4, rows

@@ -240,7 +240,9 @@ def _refined(a: BezierSegments, near: NearCurve, state: CurveState) -> _RefinedW
         )
         sides, between, apart = _between(a, near.curve, places, feet, state.upper - state.lower)
         at = found.at._replace(t=jnp.where(tried.count > 0, between, found.at.t))
-        count = jnp.where(last | apart | (tried.count < _LED), tried.count + 1, _TRIALS - 1)
+        # An end or corner stays the maximum, whatever rounding leaves of its feet.
+        held = here.around.end | here.around.corner
+        count = jnp.where(last | ~held & (apart | (tried.count < _LED)), tried.count + 1, _TRIALS - 1)
         return _RefinementTrial(count, found, at, found.foot, sides)
 
     (segment, t), (k, s) = state.at, state.foot

@@ -111,7 +111,7 @@ class NetTarget(AbstractTarget):
         found = starts_among(samples.reshape(self.count, *[_SAMPLES] * self.net.parameters, 3))
         self._samples = SampledStarts(samples.reshape(-1, 3)[found.rows])
         self._rows, self._beside, self._at_poles = found
-        self._poles = samples.reshape(-1, 3)[self._at_poles[:, 0]]
+        self._poles = SampledStarts(samples.reshape(-1, 3)[self._at_poles[:, 0]])
         # Feet are rounded once where they are moved back.
         back = np.sqrt(3) * gamma(2, points.dtype) * float(np.max(np.abs(given))) if self._is_moved else 0.0
         self._off = float(np.ldexp(point_error(self.net), self.exponent)) + back
@@ -217,14 +217,17 @@ class NetTarget(AbstractTarget):
         sample = self._beside[feet.piece[rows] * _SAMPLES ** place.shape[1] + place @ self._strides]
         who, column = np.nonzero(sample >= 0)
         if len(who):
-            _take_over(feet, rows[who], self._from_samples(points[rows[who]], shift, sample[who, column]))
-        # Beside a pole Newton's method turns by less than 45 degrees: it starts from all samples around.
-        for pole, samples in zip(np.ldexp(self._poles, -shift), self._at_poles, strict=True):
-            rows = np.flatnonzero(np.max(np.abs(feet.point - pole), axis=1) <= _AT_POLE)
-            samples = samples[samples >= 0]
-            who = np.repeat(rows, len(samples))
+            _take_over(feet, rows[who], self._from_samples(points[rows[who]], shift, sample[who, column]), tied=True)
+        if len(self._at_poles):
+            # Beside a pole Newton's method turns by less than 45 degrees: it starts from all samples around.
+            there = np.ldexp(feet.point, shift)
+            pole = self._poles.nearest(there)
+            rows = np.flatnonzero(np.max(np.abs(there - self._poles.points[pole]), axis=1) <= _AT_POLE)
+            samples = self._at_poles[pole[rows]]
+            who, column = np.nonzero(samples >= 0)
             if len(who):
-                _take_over(feet, who, self._from_samples(points[who], shift, np.tile(samples, len(rows))))
+                found = self._from_samples(points[rows[who]], shift, samples[who, column])
+                _take_over(feet, rows[who], found, tied=True)
         return feet
 
     def _from_samples(self, points: np.ndarray, shift: int, sample: np.ndarray) -> _Feet:
@@ -316,12 +319,13 @@ def _halved(cells: PieceParts, axis: np.ndarray) -> PieceParts:
     return joined([first, second])
 
 
-def _take_over(feet: _Feet, who: np.ndarray, found: _Feet) -> None:
-    """The feet found, of any queries, where they are nearer than those known."""
+def _take_over(feet: _Feet, who: np.ndarray, found: _Feet, tied: bool = False) -> None:
+    """The feet found, of any queries, where they are nearer than those known; `tied` where they are to rounding."""
     new, old = _settled_first(found), _settled_first(feet)[who]
     order = np.lexsort((-new, who))
-    # Of each query the nearest is written last.
-    rows = order[new[order] < old[order]]
+    # Of each query the nearest is written last. In a search bounds must not rise.
+    better = (new < old) & (tied | (found.upper < feet.upper[who]))
+    rows = order[better[order]]
     feet.put(who[rows], found.take(rows))
 
 

@@ -16,6 +16,8 @@ _FEW, _AT_ONCE = 1 << 21, 1 << 16
 # Samples of pieces that count as neighbors, and in how many units a length of one is divided to tell whether samples
 # are at one place.
 _MOST, _SAME = 3, 2.0**30
+# Samples around a place onto which an edge is collapsed: those of sixteen pieces.
+_MOST_AROUND = 96
 
 
 def samples_beside(samples: np.ndarray) -> np.ndarray:
@@ -72,7 +74,10 @@ def starts_among(samples: np.ndarray) -> StartsOfFeet:
 
 
 def _poles(samples: np.ndarray) -> np.ndarray:
-    """The numbers of the samples at each place where neighboring samples of a piece coincide, -1 after the last one."""
+    """The numbers of the samples at each place where neighboring samples of a piece coincide, -1 after the last one.
+
+    Of more than _MOST_AROUND samples at a place some are left out, evenly.
+    """
     alike = np.zeros(samples.shape[:-1], bool)
     for axis in range(1, samples.ndim - 1):
         same = np.all(np.abs(np.diff(samples, axis=axis)) * _SAME <= 1, axis=-1)
@@ -81,10 +86,11 @@ def _poles(samples: np.ndarray) -> np.ndarray:
     rows = np.flatnonzero(alike)
     places = np.rint(samples.reshape(-1, 3)[rows].astype(np.float64) * _SAME)
     _, place, count = np.unique(places, axis=0, return_inverse=True, return_counts=True)
-    found = np.full((len(count), max(count, default=1)), -1)
+    size = np.minimum(count, _MOST_AROUND)
+    found = np.full((len(count), max(size, default=1)), -1)
     order = np.argsort(place.ravel(), kind="stable")
     column = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
-    found[place.ravel()[order], column] = rows[order]
+    found[place.ravel()[order], column * np.repeat(size, count) // np.repeat(count, count)] = rows[order]
     return found
 
 
@@ -116,26 +122,26 @@ class SampledStarts:
     """
 
     def __init__(self, points: np.ndarray):
-        self._points = points
+        self.points = points
 
     @cached_property
     def _tree(self) -> TriangleTree:
-        return point_tree(self._points)
+        return point_tree(self.points)
 
     @cached_property
     def _columns(self) -> np.ndarray:
-        return np.ascontiguousarray(self._points.T)
+        return np.ascontiguousarray(self.points.T)
 
     def nearest(self, queries: np.ndarray) -> np.ndarray:
         """The number of a point for each query (queries, 3); queries from afar only get some point."""
-        if len(queries) * len(self._points) > _FEW:
+        if len(queries) * len(self.points) > _FEW:
             tree, rows = in_unit_of(self._tree, queries)
             return tree.order[nearest_triangles(tree, rows).triangle]
-        step = max(1, _AT_ONCE // len(self._points))
+        step = max(1, _AT_ONCE // len(self.points))
         return np.concatenate([self._among_all(queries[k : k + step]) for k in range(0, len(queries), step)])
 
     def _among_all(self, queries: np.ndarray) -> np.ndarray:
-        square = np.zeros((len(queries), len(self._points)), self._points.dtype)
+        square = np.zeros((len(queries), len(self.points)), self.points.dtype)
         with np.errstate(over="ignore"):
             for sample, query in zip(self._columns, queries.T, strict=True):
                 step = sample - query[:, None]
