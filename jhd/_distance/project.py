@@ -74,7 +74,7 @@ def project(
     - If the foot point is an end or a corner of the shape, its parameter does not move. A foot point stays on the face,
       edge or vertex of a mesh that holds it, and on the face of the box of an implicit surface.
     - At a pole of a parametric surface, an edge of a patch is one point. There derivatives of the foot point and second
-      derivatives of the distance are NaN.
+      derivatives of the distance are NaN. So they can be within 1e-7 of the size of the patch from the pole.
 
     Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. Surfaces are
     searched by a host call, also under jit.

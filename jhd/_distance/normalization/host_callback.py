@@ -45,7 +45,7 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
             some = tuple(slice(None) if n == 1 else i for n, i in zip(others, k, strict=True))
             rows = points[some]
             joined = rows.reshape(-1, *points.shape[len(every) + 1 :]) if rows.ndim > ranks[0] else rows
-            found = function(*form.unflatten([joined, *(x[k] for x in leaves)]))
+            found = function(*form.unflatten([joined, *(x[(*k, ...)] for x in leaves)]))
             for whole, part in zip(*map(jax.tree_util.tree_leaves, (out, found)), strict=True):
                 whole[some] = np.reshape(part, whole[some].shape)
         return out

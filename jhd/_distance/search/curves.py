@@ -261,7 +261,7 @@ def _between(
     """Return the last place where the distance rises and the first where it falls, and a parameter between them.
 
     It is the one at which the linear models of the distance at both places agree, or the middle of the places. If there
-    is one place only, it is the farthest parameter at which the maximum can be if the distance rises by the gap.
+    is one place only, it is about as far as the maximum can be if the distance rises by the gap.
 
     Args:
         a: the curve that carries the maximum.
@@ -282,20 +282,18 @@ def _between(
 
     distance, slope = jax.vmap(model)(at, feet)
     here = at.segment == at.segment[0]
-    chosen = jnp.stack(
-        [
-            jnp.argmax(jnp.where(here & (slope > 0), at.t, -jnp.inf)),
-            jnp.argmin(jnp.where(here & (slope < 0), at.t, jnp.inf)),
-        ]
-    )
+    falls = jnp.where(here & (slope < 0), at.t, jnp.inf)
+    # Of the places on the left of it that on another hump does not count.
+    rises = jnp.where(here & (slope > 0) & (at.t < jnp.min(falls)), at.t, -jnp.inf)
+    chosen = jnp.stack([jnp.argmax(rises), jnp.argmin(falls)])
     sides = jax.tree_util.tree_map(lambda x: x[chosen], (at, feet))
     (rise, fall), (low, high), (start, end) = slope[chosen], distance[chosen], at.t[chosen]
     apart = (rise > 0) & (fall < 0) & (start < end) & jnp.all(here[chosen])
     t = start + (high - low + fall * (start - end)) / jnp.where(apart, rise - fall, 1.0)
     t = jnp.where((t > start) & (t < end), t, 0.5 * (start + end))
-    rises = (rise > 0) & here[chosen[0]]
-    steep = jnp.where(rises, rise, jnp.minimum(fall, -ZERO))
-    beyond = jnp.clip(jnp.where(rises, start, end) + OPEN * gap / steep, 0.0, 1.0)
+    left = (rise > 0) & here[chosen[0]]
+    steep = jnp.where(left, rise, jnp.minimum(fall, -ZERO))
+    beyond = jnp.clip(jnp.where(left, start, end) + OPEN * gap / steep, 0.0, 1.0)
     return sides, jnp.where(apart, t, beyond), apart
 
 

@@ -211,23 +211,26 @@ class NetTarget(AbstractTarget):
         """Feet near the nearest samples, and what is left of the distance after some steps from there."""
         # Where the queries are in a larger unit than the samples they only start elsewhere.
         feet = self._from_samples(points, shift, self._rows[self._samples.nearest(points)])
+        size = float(np.ldexp(1.0, -shift))
         # Inside of a piece that is all; on its border the nearest of that and of those on its neighbors counts.
         rows = np.flatnonzero(np.any((feet.x <= 0) | (feet.x >= 1), axis=1))
         place = np.rint(feet.x[rows] * (_SAMPLES - 1)).astype(int)
         sample = self._beside[feet.piece[rows] * _SAMPLES ** place.shape[1] + place @ self._strides]
         who, column = np.nonzero(sample >= 0)
         if len(who):
-            _take_over(feet, rows[who], self._from_samples(points[rows[who]], shift, sample[who, column]), tied=True)
+            _take_over(feet, rows[who], self._from_samples(points[rows[who]], shift, sample[who, column]), size)
         if len(self._at_poles):
             # Beside a pole Newton's method turns by less than 45 degrees: it starts from all samples around.
             there = np.ldexp(feet.point, shift)
             pole = self._poles.nearest(there)
             rows = np.flatnonzero(np.max(np.abs(there - self._poles.points[pole]), axis=1) <= _AT_POLE)
-            samples = self._at_poles[pole[rows]]
-            who, column = np.nonzero(samples >= 0)
-            if len(who):
-                found = self._from_samples(points[rows[who]], shift, samples[who, column])
-                _take_over(feet, rows[who], found, tied=True)
+            for start in range(0, len(rows), BLOCK):
+                some = rows[start : start + BLOCK]
+                samples = self._at_poles[pole[some]]
+                who, column = np.nonzero(samples >= 0)
+                if len(who):
+                    found = self._from_samples(points[some[who]], shift, samples[who, column])
+                    _take_over(feet, some[who], found, size)
         return feet
 
     def _from_samples(self, points: np.ndarray, shift: int, sample: np.ndarray) -> _Feet:
@@ -319,23 +322,26 @@ def _halved(cells: PieceParts, axis: np.ndarray) -> PieceParts:
     return joined([first, second])
 
 
-def _take_over(feet: _Feet, who: np.ndarray, found: _Feet, tied: bool = False) -> None:
-    """The feet found, of any queries, where they are nearer than those known; `tied` where they are to rounding."""
-    new, old = _settled_first(found), _settled_first(feet)[who]
+def _take_over(feet: _Feet, who: np.ndarray, found: _Feet, size: float = 0.0) -> None:
+    """The feet found, of any queries, where they are nearer than those known.
+
+    Of feet that are equal up to rounding, on a surface of some size, one counts that no border of a piece holds: a
+    neighbor of the piece may have the foot, and its distance tells it to within the root of rounding only.
+    """
+    new, old = (
+        x.upper + np.where(np.any((x.x <= 0) | (x.x >= 1), axis=1), _TIED, 0) * _rounding(x, size)
+        for x in (found, feet)
+    )
+    old = old[who]
     order = np.lexsort((-new, who))
-    # Of each query the nearest is written last. In a search bounds must not rise.
-    better = (new < old) & (tied | (found.upper < feet.upper[who]))
-    rows = order[better[order]]
+    # Of each query the nearest is written last.
+    rows = order[new[order] < old[order]]
     feet.put(who[rows], found.take(rows))
 
 
-def _settled_first(feet: _Feet) -> np.ndarray:
-    """Distances by which feet are chosen: of those that are equal up to rounding one that no border of a piece holds.
-
-    A neighbor of the piece may have the foot, and its distance tells it to within the root of rounding only.
-    """
-    border = np.any((feet.x <= 0) | (feet.x >= 1), axis=1)
-    return feet.upper + np.where(border, _TIED * float(np.finfo(feet.x.dtype).eps) * (1 + feet.upper), 0.0)
+def _rounding(feet: _Feet, size: float) -> np.ndarray:
+    """One unit of roundoff of a size and the distances; none without a size."""
+    return float(np.finfo(feet.x.dtype).eps) * (size + feet.upper) if size else np.zeros(len(feet.upper))
 
 
 class _About(NamedTuple):

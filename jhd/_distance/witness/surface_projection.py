@@ -5,7 +5,8 @@ surface the polynomial is zero and the query lies on the normal, in the coordina
 from the foot found, which is a constant, carry first and second derivatives. If the equations are singular (a whole
 region is equally near), nothing moves, which leaves the first derivative of the distance unchanged. At a pole, which is
 a free foot on a collapsed edge, one piece does not determine how the foot moves: its derivatives and the second
-derivatives of the distance are NaN there.
+derivatives of the distance are NaN there, and within 1e-7 of the size of the piece if distances do not tell which
+piece has the foot.
 
 Along the normal of a surface the distance keeps its digits if the query is close. At distance zero the derivative is
 zero by convention.
@@ -28,8 +29,9 @@ from jhd._runtime.compiled import compiled
 
 # A derivative this much shorter than the piece is large is that along a collapsed edge; above, feet have six digits.
 _COLLAPSED = 1e-10
-# So near to a collapsed edge, as a share of the piece, feet are known only if the distance is stationary to this angle.
-_TOLD, _STATIONARY = 1e-7, 1e-11
+# So near to a collapsed edge, as a share of the piece, a foot is known if the distance is stationary up to an angle in
+# units of roundoff.
+_TOLD, _STATIONARY = 1e-7, 2.0**15
 # Newton's steps before those that are differentiated, and how far one may move a foot as a share of the piece.
 _POLISHING, _KNOWN = 8, 1e-6
 # How far it may turn around a pole, as a share of the parameters.
@@ -129,8 +131,10 @@ def _held(piece: Net, apart: Array, x: Array) -> tuple[Array, Array]:
     sizes = lengths * length(apart + at.point)
     # On a collapsed edge a piece beside this one may hold the foot, as far as it is known.
     pressed = presses(x, slope, sizes) & ~(jnp.any(collapsed) & (jnp.abs(slope) <= _KNOWN * sizes))
-    # So near to the edge distances do not tell which piece has the foot: where it is not stationary nothing is known.
-    beside = jnp.any(~collapsed & (lengths <= _TOLD * _size(piece)) & (jnp.abs(slope) > _STATIONARY * sizes))
+    # So near to the edge distances do not tell which piece has the foot: it is unknown if hardly stationary.
+    pull = jnp.abs(slope)
+    still = _STATIONARY * float(jnp.finfo(slope.dtype).eps)
+    beside = jnp.any(~collapsed & (lengths <= _TOLD * _size(piece)) & (pull > still * sizes) & (pull <= _KNOWN * sizes))
     pole = jnp.any(collapsed) & ~jnp.all(collapsed | pressed) | beside
     held = pressed | collapsed
     hessian = _hessian(at, apart + at.point, held)

@@ -290,6 +290,27 @@ def test_derivatives_beside_a_border_of_two_patches_are_those_of_the_surface(dis
 
 
 @pytest.mark.slow
+def test_a_border_of_another_piece_is_nearest_also_beside_a_query_from_afar():
+    # The first feet are on the larger piece; the unit of queries is that of the one from afar.
+    below = [[[x, y, -0.5] for y in (-1.0, 1.0)] for x in (-1.0, 1.0)]
+    beside = [[[x, y, 0.45 + y] for y in (0.0, 1.0)] for x in (-10.0, 10.0)]
+    both = jhd.BezierPatches(np.array([below, beside]))
+    alone = jhd.project(np.array([[0.37, -0.02, 0.0]]), both)
+    found = jhd.project(np.array([[0.37, -0.02, 0.0], [1e285, 0.0, 0.0]]), both)
+    np.testing.assert_allclose(alone.distance, np.hypot(0.45, 0.02), rtol=1e-12)
+    np.testing.assert_allclose([found.lower[0], found.upper[0]], alone.distance[0], rtol=1e-11)
+
+
+@pytest.mark.slow
+def test_beyond_a_long_side_of_a_narrow_patch_second_derivatives_are_known():
+    strip = jhd.BezierPatch(np.array([[[x, y, 0.0] for y in (0.0, 5e-8)] for x in (0.0, 1.0)]))
+    hessian = jax.hessian(lambda p: jhd.project(p, strip).distance)(jnp.array([0.4, 1.0, 0.5]))
+    way = np.array([0.0, 1.0, 0.5]) / np.sqrt(1.25)
+    exact = (np.diag([0.0, 1.0, 1.0]) - np.outer(way, way)) / np.sqrt(1.25)
+    np.testing.assert_allclose(hessian, exact, atol=1e-6)
+
+
+@pytest.mark.slow
 def test_a_batch_of_points_under_vmap_is_one_call_of_the_host(monkeypatch):
     calls = []
     answer = targets._answer
