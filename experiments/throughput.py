@@ -20,7 +20,7 @@ single cubics, a third for curves of 30 segments. There the trees take several t
 long for single cubics, with errors of 1e-6.
 
 Feeds: figure and table "throughput".
-Takes: 2 minutes; on an accelerator about 7, most of them to compile.
+Takes: 2 minutes.
 """
 
 import time

@@ -37,6 +37,10 @@ DEFECTS = [
             "test_the_first_bounds_of_cells_are_widened",
         ),
         ("measured.lower - error, 0.0", "measured.lower, 0.0", "test_the_first_bounds_of_cells_are_widened"),
+    ),
+    *within(
+        "_distance/search/refined_witness.py",
+        "distance/search/test_error_terms.py",
         (
             "found.lower - evaluation_error(a, b)",
             "found.lower",

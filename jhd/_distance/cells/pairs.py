@@ -35,7 +35,6 @@ from jhd._distance.normalization.net_jets import Net, NetJet, enclosed, eta, jet
 _STEPS = 5
 # Cells thinner than this many units of roundoff are not cut.
 _THINNEST = 16
-
 # A squared speed along a parameter below this share of the largest is none.
 _STILL = 1e-20
 
@@ -115,6 +114,12 @@ def newton_step(gradient: Array, hessian: Array, fixed: Array) -> Array:
     return jnp.stack(out)
 
 
+def _stands_still(at: NetJet) -> Array:
+    """Along which parameters a point does not move, in comparison with the other one."""
+    speeds = jnp.sum(at.first**2, axis=-1)
+    return speeds <= _STILL * jnp.max(speeds, initial=0.0)
+
+
 def nearest_in(
     part_a: Net, part_b: Net, start: Array, fixed: Array, steps: int = _STEPS, mending: int = 0, mended: float = 0.0
 ) -> Array:
@@ -140,8 +145,7 @@ def nearest_in(
         nearer = square <= least
         best, least = jnp.where(nearer, x, best), jnp.where(nearer, square, least)
         # On a collapsed edge the step leads away from it: the parameter along it has no slope there.
-        speeds = jnp.sum(_joined(*jets) ** 2, axis=-1)
-        still = speeds <= _STILL * jnp.max(speeds)
+        still = jnp.concatenate([_stands_still(x) for x in jets])
         held = fixed | still | ((x <= 0) & (g > 0)) | ((x >= 1) & (g < 0))
         moved = newton_step(g, h, held)
         ahead = jnp.clip(x + moved, 0.0, 1.0)

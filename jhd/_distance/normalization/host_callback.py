@@ -34,28 +34,43 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
     device = host_device()
     ranks = [np.ndim(x) for x in jax.tree_util.tree_leaves(arguments)]
 
-    def known(*values: Any) -> Any:
-        leaves, form = jax.tree_util.tree_flatten(jax.tree_util.tree_map(np.asarray, values))
-        batches = [x.shape[: x.ndim - rank] for x, rank in zip(leaves, ranks, strict=True)]
-        every, others = np.broadcast_shapes(*batches), np.broadcast_shapes(*batches[1:])
-        points = np.broadcast_to(leaves[0], every + leaves[0].shape[len(every) :])
-        leaves = [np.broadcast_to(x, others + x.shape[len(others) :]) for x in leaves[1:]]
-        out = jax.tree_util.tree_map(lambda s: np.empty(every + s.shape, s.dtype), like)
-        for k in np.ndindex(others):
-            some = tuple(slice(None) if n == 1 else i for n, i in zip(others, k, strict=True))
-            rows = points[some]
-            joined = rows.reshape(-1, *points.shape[len(every) + 1 :]) if rows.ndim > ranks[0] else rows
-            found = function(*form.unflatten([joined, *(x[(*k, ...)] for x in leaves)]))
-            for whole, part in zip(*map(jax.tree_util.tree_leaves, (out, found)), strict=True):
-                whole[some] = np.reshape(part, whole[some].shape)
-        return out
+    def called(*values: Any) -> Any:
+        found = function(*values)
+        return jax.tree_util.tree_map(lambda x, s: np.asarray(x, s.dtype), found, like)
 
-    def on_host(*values: Any) -> Any:
+    def known(*values: Any) -> Any:
+        values = jax.tree_util.tree_map(np.asarray, values)
         with jax.default_device(device):
-            return known(*values)
+            if rows:
+                return _by_rows(called, like, ranks, values)
+            return jax.tree_util.tree_map(lambda x, s: x.reshape(s.shape), called(*values), like)
 
     method = "expand_dims" if rows else "sequential"
-    return jax.pure_callback(on_host, like, *jax.lax.stop_gradient(arguments), vmap_method=method)
+    return jax.pure_callback(known, like, *jax.lax.stop_gradient(arguments), vmap_method=method)
+
+
+def _by_rows(function: Callable[..., Any], like: Any, ranks: list[int], values: Any) -> Any:
+    """What a function of rows and other arguments gives for a batch: one call for each of the other arguments.
+
+    Args:
+        function: from the arguments to an answer for each row.
+        like: the form of the answer without a batch.
+        ranks: of the leaves of the arguments without a batch.
+        values: the arguments; leaves have the same axes of the batch in front, of length one if they do not differ.
+    """
+    leaves, form = jax.tree_util.tree_flatten(values)
+    batches = [x.shape[: x.ndim - rank] for x, rank in zip(leaves, ranks, strict=True)]
+    every, others = np.broadcast_shapes(*batches), np.broadcast_shapes(*batches[1:])
+    points = np.broadcast_to(leaves[0], every + leaves[0].shape[len(every) :])
+    leaves = [np.broadcast_to(x, others + x.shape[len(others) :]) for x in leaves[1:]]
+    out = jax.tree_util.tree_map(lambda s: np.empty(every + s.shape, s.dtype), like)
+    for k in np.ndindex(others):
+        some = tuple(slice(None) if n == 1 else i for n, i in zip(others, k, strict=True))
+        joined = points[some].reshape(-1, *points.shape[len(every) + 1 :])
+        found = function(*form.unflatten([joined, *(x[(*k, ...)] for x in leaves)]))
+        for whole, part in zip(*map(jax.tree_util.tree_leaves, (out, found)), strict=True):
+            whole[some] = part.reshape(whole[some].shape)
+    return out
 
 
 def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes: Any, *options: Any) -> Any:

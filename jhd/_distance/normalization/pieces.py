@@ -21,6 +21,10 @@ class CurvePlace(NamedTuple):
     segment: Array
     t: Array
 
+    def if_(self, condition: Array, other: "CurvePlace") -> "CurvePlace":
+        """This place if the condition holds, else the other one."""
+        return CurvePlace(*(jnp.where(condition, x, y) for x, y in zip(self, other, strict=True)))
+
 
 def piece_of(curve: BezierSegments, segment: Array) -> Piece:
     """The segment with this index."""

@@ -12,7 +12,6 @@ discarded on an unproven lower bound.
 Source: the search and the bounds are ours; the events are those of Elber & Grandine, GMP 2008.
 """
 
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -32,9 +31,8 @@ from jhd._distance.normalization.curves import evaluation_error
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import CurvePlace, piece_of
 from jhd._distance.normalization.stopping import Aim, Wanted, default_tolerance
-from jhd._distance.witness import active
-from jhd._distance.witness.events import OPEN, ZERO, describe
-from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, result_where
+from jhd._distance.search.refined_witness import SearchedPlace, refined
+from jhd._results.solution import RESULTS, HausdorffSolution, result_where
 from jhd._runtime.arrays import varying
 from jhd._shapes.curve import BezierSegments
 
@@ -54,11 +52,6 @@ _AT_END = 1e-6
 _NEAR_END = 0.02
 # Least gap in units of the error of the common coordinates: both bounds take it, and those of the cells as much again.
 _FLOOR = 8
-# Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
-_NOISE, _AGREEING = 4, 64
-# Attempts to refine a maximum: from the place found, from where that leads to, from places between, and with the feet
-# of the place found alone; and after how many there must be places on both sides of the maximum.
-_TRIALS, _LED = 12, 2
 
 
 class _Tolerances(NamedTuple):
@@ -170,8 +163,8 @@ def advance(
         state = state._replace(
             lower=jnp.where(asked, jnp.maximum(measured.lower - error, state.lower), state.lower),
             value=jnp.where(raised, measured.distance, state.value),
-            at=_where(raised, CurvePlace(segment, t), state.at),
-            foot=_where(raised, CurvePlace(measured.segment, measured.t), state.foot),
+            at=CurvePlace(segment, t).if_(raised, state.at),
+            foot=CurvePlace(measured.segment, measured.t).if_(raised, state.foot),
             steps=state.steps + 1,
         )
         mine = (jnp.arange(LANES) == best) & asked & ~first
@@ -185,8 +178,8 @@ def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: Curve
     """The solution that a search stands at."""
     b, dtype = near.curve, a.control_points.dtype
     tolerances, upper = _tolerances(a, b, wanted), state.upper
-    witness, value, lower, *_ = _refined(a, near, state)
-    lower = jnp.minimum(lower, upper)
+    found = refined(a, near, SearchedPlace(state.at, state.foot, state.value, state.lower, upper))
+    witness, value, lower = found.witness, found.value, jnp.minimum(found.lower, upper)
     # Four units for the rounding of this comparison itself.
     gap = upper - jnp.maximum(lower, wanted.aim.level)
     closed = gap <= tolerances.wanted(upper) * (1 + 4 * jnp.finfo(dtype).eps)
@@ -194,138 +187,6 @@ def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: Curve
     result = result_where(~closed & state.dropped, RESULTS.capacity_reached, result)
     stats = {"steps": state.steps, "cells": state.steps * LANES}
     return HausdorffSolution(jnp.clip(value, lower, upper), lower, upper, witness, result, stats)
-
-
-class _RefinedWitness(NamedTuple):
-    """A witness with value and lower bound, whether it solves its equations, and the place that these lead to."""
-
-    witness: Witness
-    value: Array
-    lower: Array
-    solved: Array
-    at: CurvePlace
-    foot: CurvePlace
-
-
-class _RefinementTrial(NamedTuple):
-    """Attempts to refine a maximum: how many, the last one, where the next one begins, and a place on each side."""
-
-    count: Array
-    found: _RefinedWitness
-    at: CurvePlace
-    foot: CurvePlace
-    sides: tuple[CurvePlace, CurvePlace]  # places of a where the distance rises and falls, and the foot of each
-
-
-def _refined(a: BezierSegments, near: NearCurve, state: CurveState) -> _RefinedWitness:
-    """The witness of a search, with value and lower bound.
-
-    First with the feet that count wherever the gap leaves the maximum, then with those that count where these lead to,
-    then from places between two where the distance rises and falls: beside a cusp of the evolute both feet exist only
-    near the tie. If no such maximum is found, the feet count that are equally near where the search stopped.
-    """
-
-    def again(tried: _RefinementTrial) -> Array:
-        return (tried.count < _TRIALS) & ~tried.found.solved
-
-    def next_(tried: _RefinementTrial) -> _RefinementTrial:
-        last = tried.count == _TRIALS - 1
-        at, foot = _where(last, state.at, tried.at), _where(last, state.foot, tried.foot)
-        here = describe(a, near.curve, at, foot)
-        reach = jnp.where(last, 0.0, here.reach(state.upper - state.lower))
-        found = _polished(a, near, here.witness(reach), state)
-        more = (tried.sides[0], at, found.at), (tried.sides[1], here.nearest, found.foot)
-        places, feet = (
-            jax.tree_util.tree_map(lambda x, *y: jnp.concatenate([x, jnp.stack(y)]), *parts) for parts in more
-        )
-        sides, between, apart = _between(a, near.curve, places, feet, state.upper - state.lower)
-        at = found.at._replace(t=jnp.where(tried.count > 0, between, found.at.t))
-        # An end or corner stays the maximum, whatever rounding leaves of its feet.
-        held = here.around.end | here.around.corner
-        count = jnp.where(last | ~held & (apart | (tried.count < _LED)), tried.count + 1, _TRIALS - 1)
-        return _RefinementTrial(count, found, at, found.foot, sides)
-
-    (segment, t), (k, s) = state.at, state.foot
-    feet, one = jnp.zeros((2, a.dim), t.dtype), jnp.array([1.0, 0.0], t.dtype)
-    feet_at, event, direction = (jnp.stack([k, k]), jnp.stack([s, s])), EVENTS.antipodal, DIRECTIONS.a_to_b
-    witness = Witness(segment, t, feet[0], feet, *feet_at, one, event, direction)
-    untried = _RefinedWitness(witness, t, t, jnp.array(False), state.at, state.foot)
-    sides = jax.tree_util.tree_map(lambda x: jnp.stack([x, x]), (state.at, state.foot))
-    start = _RefinementTrial(jnp.array(0), untried, state.at, state.foot, sides)
-    return jax.lax.while_loop(again, next_, varying(start, a, near, state)).found
-
-
-def _between(
-    a: BezierSegments, b: BezierSegments, at: CurvePlace, feet: CurvePlace, gap: Array
-) -> tuple[tuple, Array, Array]:
-    """Return the last place where the distance rises and the first where it falls, and a parameter between them.
-
-    It is the one at which the linear models of the distance at both places agree, or the middle of the places. If there
-    is one place only, it is about as far as the maximum can be if the distance rises by the gap.
-
-    Args:
-        a: the curve that carries the maximum.
-        b: the other one.
-        at: places on a, stacked.
-        feet: the foot of each on b.
-        gap: of the bounds.
-
-    Returns:
-        Both places with their feet, stacked; the parameter; whether there are such places on one segment.
-    """
-
-    def model(at: CurvePlace, foot: CurvePlace) -> tuple[Array, Array]:
-        here = jet(*piece_of(a, at.segment), at.t)
-        apart = here.point - jet(*piece_of(b, foot.segment), foot.t).point
-        distance = jnp.sqrt(jnp.sum(apart**2))
-        return distance, jnp.sum(apart * here.first) / jnp.where(distance > 0, distance, 1.0)
-
-    distance, slope = jax.vmap(model)(at, feet)
-    here = at.segment == at.segment[0]
-    falls = jnp.where(here & (slope < 0), at.t, jnp.inf)
-    # Of the places on the left of it that on another hump does not count.
-    rises = jnp.where(here & (slope > 0) & (at.t < jnp.min(falls)), at.t, -jnp.inf)
-    chosen = jnp.stack([jnp.argmax(rises), jnp.argmin(falls)])
-    sides = jax.tree_util.tree_map(lambda x: x[chosen], (at, feet))
-    (rise, fall), (low, high), (start, end) = slope[chosen], distance[chosen], at.t[chosen]
-    apart = (rise > 0) & (fall < 0) & (start < end) & jnp.all(here[chosen])
-    t = start + (high - low + fall * (start - end)) / jnp.where(apart, rise - fall, 1.0)
-    t = jnp.where((t > start) & (t < end), t, 0.5 * (start + end))
-    left = (rise > 0) & here[chosen[0]]
-    steep = jnp.where(left, rise, jnp.minimum(fall, -ZERO))
-    beyond = jnp.clip(jnp.where(left, start, end) + OPEN * gap / steep, 0.0, 1.0)
-    return sides, jnp.where(apart, t, beyond), apart
-
-
-def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: CurveState) -> _RefinedWitness:
-    """The witness at the solution of its equations: peaks are off by the root of the gap.
-
-    Accepted only where the place is measured to be as far, both feet to be its nearest points, and two feet balance.
-    """
-    b, k, (k1, k2) = near.curve, witness.element, witness.feet_elements
-    y = jnp.concatenate([witness.t[None], witness.feet_params])
-    pieces = piece_of(a, k), piece_of(b, k1), piece_of(b, k2)
-    system = active.active(*pieces, y, witness.event, witness.multipliers)
-    y = active.polished(y, system)
-    y = y.at[2].set(jnp.where(system.two, y[2], y[1]))
-    point, feet = active.places(y, system.pieces)
-    found = near.nearest(point)
-    # Where a foot is flat the one that is proven is off by more than the distance tells.
-    distances = jnp.append(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)), found.distance)
-    off = jnp.max(distances[:2]) - jnp.min(distances)
-    eps = float(jnp.finfo(point.dtype).eps)
-    better = (found.distance >= state.value - _NOISE * eps) & (off <= _AGREEING * eps)
-    multipliers, _ = active.balance(y, system, witness.multipliers)
-    better = better & (~system.two | jnp.all(multipliers > 0))
-    new = replace(witness, t=y[0], point=point, feet=feet, feet_params=y[1:], multipliers=multipliers)
-    witness = jax.tree_util.tree_map(lambda x, y: jnp.where(better, x, y), new, witness)
-    lower = jnp.where(better, jnp.maximum(state.lower, found.lower - evaluation_error(a, b)), state.lower)
-    value = jnp.where(better, jnp.maximum(found.distance, state.value), state.value)
-    return _RefinedWitness(witness, value, lower, better, CurvePlace(k, y[0]), CurvePlace(found.segment, found.t))
-
-
-def _where(condition: Array, new: CurvePlace, old: CurvePlace) -> CurvePlace:
-    return CurvePlace(*(jnp.where(condition, x, y) for x, y in zip(new, old, strict=True)))
 
 
 def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> CurveState:

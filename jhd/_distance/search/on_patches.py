@@ -24,7 +24,7 @@ from jaxtyping import Array
 from typing_extensions import override
 
 from jhd._arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd._arithmetic.scaling import common_exponent, frexp, ldexp, length, times_two_to, unit_weights
+from jhd._arithmetic.scaling import common_exponent, frexp, ldexp, length, times_two_to, unit, unit_weights
 from jhd._distance.cells.linear_proxies import beside_net, of_points
 from jhd._distance.cells.pairs import Cell, bound, nearest_in
 from jhd._distance.cells.squared_distance_bounds import distances_by_squares
@@ -47,6 +47,8 @@ _LANES = 8
 _TIED = 16
 # Feet no farther from a place onto which an edge is collapsed are looked for all around it.
 _AT_POLE = 1e-5
+# Ways from a pole lead to places this far from samples, as a share of the parameters, and bend by less than this angle.
+_INSIDE, _BENT = 2.0**-10, 0.05
 # Newton steps that mend feet, and how much they may change parameters.
 _MENDING, _MENDED = 2, 1e-6
 # Cells of a query from which on squares bound them too. They do from the first cell on for queries with no convex part,
@@ -104,17 +106,26 @@ class NetTarget(AbstractTarget):
         index = np.minimum(np.arange(padded_count(self.count, small=True)), self.count - 1)
         self.net = Net(points, weights)
         self._padded = Net(points[index], None if weights is None else weights[index])
-        places = np.linspace(0.0, 1.0, _SAMPLES).astype(points.dtype)
+        places = np.linspace(0.0, 1.0, _SAMPLES)
         samples = samples_of(self.net, places)
         # Samples are numbered by their places along each parameter.
-        self._places, self._strides = places, _SAMPLES ** np.arange(self.net.parameters)[::-1]
+        self._places, self._strides = places.astype(points.dtype), _SAMPLES ** np.arange(self.net.parameters)[::-1]
         found = starts_among(samples.reshape(self.count, *[_SAMPLES] * self.net.parameters, 3))
-        self._samples = SampledStarts(samples.reshape(-1, 3)[found.rows])
         self._rows, self._beside, self._at_poles = found
-        self._poles = SampledStarts(samples.reshape(-1, 3)[self._at_poles[:, 0]])
+        samples = samples.reshape(-1, 3)
+        self._samples = SampledStarts(samples[self._rows].astype(points.dtype))
+        self._poles = SampledStarts(samples[self._at_poles[:, 0]].astype(points.dtype))
         # Feet are rounded once where they are moved back.
         back = np.sqrt(3) * gamma(2, points.dtype) * float(np.max(np.abs(given))) if self._is_moved else 0.0
         self._off = float(np.ldexp(point_error(self.net), self.exponent)) + back
+
+    @cached_property
+    def _from_poles(self) -> np.ndarray:
+        """Unit vectors (poles, most, 3) that lead from each pole into the pieces, one for each sample around it."""
+        places = np.linspace(0.0, 1.0, _SAMPLES)
+        ends = (samples_of(self.net, x) for x in (places, places + _INSIDE * np.sign(0.5 - places)))
+        start, end = (x.reshape(-1, 3)[self._at_poles] for x in ends)
+        return unit(end - start)
 
     @cached_property
     def _boxes(self) -> PatchBoxes:
@@ -219,19 +230,27 @@ class NetTarget(AbstractTarget):
         who, column = np.nonzero(sample >= 0)
         if len(who):
             _take_over(feet, rows[who], self._from_samples(points[rows[who]], shift, sample[who, column]), size)
-        if len(self._at_poles):
-            # Beside a pole Newton's method turns by less than 45 degrees: it starts from all samples around.
-            there = np.ldexp(feet.point, shift)
-            pole = self._poles.nearest(there)
-            rows = np.flatnonzero(np.max(np.abs(there - self._poles.points[pole]), axis=1) <= _AT_POLE)
-            for start in range(0, len(rows), BLOCK):
-                some = rows[start : start + BLOCK]
-                samples = self._at_poles[pole[some]]
-                who, column = np.nonzero(samples >= 0)
-                if len(who):
-                    found = self._from_samples(points[some[who]], shift, samples[who, column])
-                    _take_over(feet, some[who], found, size)
+        self._look_around_poles(feet, points, shift)
         return feet
+
+    def _look_around_poles(self, feet: _Feet, points: np.ndarray, shift: int) -> None:
+        """Looks for feet beside a pole from all samples around it: Newton's method turns by less than 45 degrees."""
+        if not len(self._at_poles):
+            return
+        there = np.ldexp(feet.point, shift)
+        pole = self._poles.nearest(there)
+        near = np.flatnonzero(np.max(np.abs(there - self._poles.points[pole]), axis=1) <= _AT_POLE)
+        for start in range(0, len(near), BLOCK):
+            rows = near[start : start + BLOCK]
+            away = points[rows] - np.ldexp(self._poles.points[pole[rows]], -shift)
+            # From an apex no way leads nearer.
+            nearer = np.einsum("nk,nmk->nm", away, self._from_poles[pole[rows]])
+            ahead = nearer >= -_BENT * np.max(np.abs(away), axis=1, keepdims=True)
+            samples = self._at_poles[pole[rows]]
+            who, column = np.nonzero(ahead & (samples >= 0))
+            if len(who):
+                found = self._from_samples(points[rows[who]], shift, samples[who, column])
+                _take_over(feet, rows[who], found, float(np.ldexp(1.0, -shift)))
 
     def _from_samples(self, points: np.ndarray, shift: int, sample: np.ndarray) -> _Feet:
         piece, place = np.divmod(sample, _SAMPLES**self.net.parameters)

@@ -27,19 +27,22 @@ def samples_beside(samples: np.ndarray) -> np.ndarray:
         samples: of all pieces (pieces, samples, 3), with coordinates of at most one.
     """
     count = samples.shape[1]
-    places = np.rint(samples.reshape(-1, 3).astype(np.float64) * _SAME)
-    _, place = np.unique(places, axis=0, return_inverse=True)
-    piece = np.arange(len(places)) // count
+    place = _places(samples.reshape(-1, 3))
+    piece = np.arange(len(place)) // count
     # Of a piece one sample at each place.
-    _, first = np.unique(place.ravel() * len(samples) + piece, return_index=True)
-    start, size = np.unique(place.ravel()[first], return_index=True, return_counts=True)[1:]
-    found = np.full((len(places), _MOST), -1)
-    group = place.ravel()
-    own = np.searchsorted(group[first] * len(samples) + piece[first], group * len(samples) + piece)
+    _, first = np.unique(place * len(samples) + piece, return_index=True)
+    start, size = np.unique(place[first], return_index=True, return_counts=True)[1:]
+    found = np.full((len(place), _MOST), -1)
+    own = np.searchsorted(place[first] * len(samples) + piece[first], place * len(samples) + piece)
     for k in range(_MOST):
-        turned = start[group] + (own - start[group] + k + 1) % size[group]
-        found[:, k] = np.where(k + 1 < size[group], first[turned], -1)
+        turned = start[place] + (own - start[place] + k + 1) % size[place]
+        found[:, k] = np.where(k + 1 < size[place], first[turned], -1)
     return found
+
+
+def _places(points: np.ndarray) -> np.ndarray:
+    """The number of the place of each point (points, 3); those of one place have the same."""
+    return np.unique(np.rint(points * _SAME), axis=0, return_inverse=True)[1].ravel()
 
 
 class StartsOfFeet(NamedTuple):
@@ -73,6 +76,11 @@ def starts_among(samples: np.ndarray) -> StartsOfFeet:
     return StartsOfFeet(rows, beside, np.where(poles >= 0, rows[poles], -1))
 
 
+def _coincide(samples: np.ndarray, axis: int) -> np.ndarray:
+    """Whether samples that are neighbors along an axis are at one place."""
+    return np.all(np.abs(np.diff(samples, axis=axis)) * _SAME <= 1, axis=-1)
+
+
 def _poles(samples: np.ndarray) -> np.ndarray:
     """The numbers of the samples at each place where neighboring samples of a piece coincide, -1 after the last one.
 
@@ -80,17 +88,17 @@ def _poles(samples: np.ndarray) -> np.ndarray:
     """
     alike = np.zeros(samples.shape[:-1], bool)
     for axis in range(1, samples.ndim - 1):
-        same = np.all(np.abs(np.diff(samples, axis=axis)) * _SAME <= 1, axis=-1)
+        same = _coincide(samples, axis)
         for end in ((1, 0), (0, 1)):
             alike |= np.pad(same, [end if k == axis else (0, 0) for k in range(samples.ndim - 1)])
     rows = np.flatnonzero(alike)
-    places = np.rint(samples.reshape(-1, 3)[rows].astype(np.float64) * _SAME)
-    _, place, count = np.unique(places, axis=0, return_inverse=True, return_counts=True)
+    place = _places(samples.reshape(-1, 3)[rows])
+    count = np.bincount(place)
     size = np.minimum(count, _MOST_AROUND)
     found = np.full((len(count), max(size, default=1)), -1)
-    order = np.argsort(place.ravel(), kind="stable")
+    order = np.argsort(place, kind="stable")
     column = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
-    found[place.ravel()[order], column * np.repeat(size, count) // np.repeat(count, count)] = rows[order]
+    found[place[order], column * np.repeat(size, count) // np.repeat(count, count)] = rows[order]
     return found
 
 
@@ -101,15 +109,10 @@ def _apart_from_others(samples: np.ndarray) -> np.ndarray:
     """
     count = len(samples)
     along = range(1, samples.ndim - 1)
-    collapsed = np.any(
-        [np.all(np.abs(np.diff(samples, axis=k)) * _SAME <= 1, axis=tuple(range(1, samples.ndim))) for k in along],
-        axis=0,
-    )
+    collapsed = np.any([_coincide(samples, k).reshape(count, -1).all(axis=1) for k in along], axis=0)
     if not np.any(collapsed) or np.all(collapsed):
         return np.arange(count)
-    places = np.rint(samples.reshape(-1, 3).astype(np.float64) * _SAME)
-    _, place = np.unique(places, axis=0, return_inverse=True)
-    place = place.reshape(count, -1)
+    place = _places(samples.reshape(-1, 3)).reshape(count, -1)
     elsewhere = np.all(np.isin(place, place[~collapsed]), axis=1)
     return np.flatnonzero(~(collapsed & elsewhere))
 
@@ -151,7 +154,7 @@ class SampledStarts:
 
 
 def samples_of(net: Net, places: np.ndarray) -> np.ndarray:
-    """Points of all pieces at a grid of parameters, about."""
+    """Points of all pieces at a grid of parameters, about; in double precision, so that equal points stay equal."""
     p, q = net.degrees
 
     def basis(degree: int, t: np.ndarray) -> np.ndarray:
@@ -159,6 +162,7 @@ def samples_of(net: Net, places: np.ndarray) -> np.ndarray:
         return binomials(degree) * t[:, None] ** k * (1 - t[:, None]) ** (degree - k)
 
     u, v = basis(p, places), basis(q, places if net.parameters == 2 else places[:1])
-    weights = np.ones(net.points.shape[:-1], net.points.dtype) if net.weights is None else net.weights
-    along = [np.einsum("ia,jb,kabd->kijd", u, v, x) for x in (net.points * weights[..., None], weights[..., None])]
-    return (along[0] / along[1]).astype(net.points.dtype)
+    points = net.points.astype(np.float64)
+    weights = np.ones((*points.shape[:-1], 1)) if net.weights is None else net.weights.astype(np.float64)[..., None]
+    along = [np.einsum("ia,jb,kabd->kijd", u, v, x) for x in (points * weights, weights)]
+    return along[0] / along[1]

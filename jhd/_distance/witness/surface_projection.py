@@ -5,7 +5,7 @@ surface the polynomial is zero and the query lies on the normal, in the coordina
 from the foot found, which is a constant, carry first and second derivatives. If the equations are singular (a whole
 region is equally near), nothing moves, which leaves the first derivative of the distance unchanged. At a pole, which is
 a free foot on a collapsed edge, one piece does not determine how the foot moves: its derivatives and the second
-derivatives of the distance are NaN there, and within 1e-7 of the size of the piece if distances do not tell which
+derivatives of the distance are NaN there, and beside it, within the root of rounding, if distances do not tell which
 piece has the foot.
 
 Along the normal of a surface the distance keeps its digits if the query is close. At distance zero the derivative is
@@ -29,9 +29,9 @@ from jhd._runtime.compiled import compiled
 
 # A derivative this much shorter than the piece is large is that along a collapsed edge; above, feet have six digits.
 _COLLAPSED = 1e-10
-# So near to a collapsed edge, as a share of the piece, a foot is known if the distance is stationary up to an angle in
-# units of roundoff.
-_TOLD, _STATIONARY = 1e-7, 2.0**15
+# Distances tell a foot to within the root of so many units of roundoff. So near to a collapsed edge it is known if the
+# distance is stationary, to an angle of so many units.
+_TOLD, _STATIONARY = 32, 2.0**15
 # Newton's steps before those that are differentiated, and how far one may move a foot as a share of the piece.
 _POLISHING, _KNOWN = 8, 1e-6
 # How far it may turn around a pole, as a share of the parameters.
@@ -120,26 +120,27 @@ def _distance_at(settled: tuple[Array, Array], given: tuple[Net, Array]) -> Arra
 
 
 def _held(piece: Net, apart: Array, x: Array) -> tuple[Array, Array]:
-    """Which parameters do not move, and whether the foot is free on a collapsed edge, where others would tell how.
+    """Which parameters do not move, and whether others would tell how the foot moves, as on a collapsed edge.
 
     Parameters are held by a border, along collapsed edges, and all of them at singular feet.
     """
-    at = jet(piece, x)
+    at, eps = jet(piece, x), float(jnp.finfo(x.dtype).eps)
     slope = at.first @ (apart + at.point)
     lengths = jnp.sqrt(jnp.sum(at.first**2, axis=-1))
-    collapsed = lengths <= _COLLAPSED * _size(piece)
-    sizes = lengths * length(apart + at.point)
+    size, distance = _size(piece), length(apart + at.point)
+    collapsed = lengths <= _COLLAPSED * size
+    sizes = lengths * distance
     # On a collapsed edge a piece beside this one may hold the foot, as far as it is known.
     pressed = presses(x, slope, sizes) & ~(jnp.any(collapsed) & (jnp.abs(slope) <= _KNOWN * sizes))
     # So near to the edge distances do not tell which piece has the foot: it is unknown if hardly stationary.
-    pull = jnp.abs(slope)
-    still = _STATIONARY * float(jnp.finfo(slope.dtype).eps)
-    beside = jnp.any(~collapsed & (lengths <= _TOLD * _size(piece)) & (pull > still * sizes) & (pull <= _KNOWN * sizes))
+    told = jnp.sqrt(_TOLD * eps * size * (size + distance))
+    pull = jnp.abs(slope) / jnp.where(sizes > 0, sizes, 1.0)
+    beside = jnp.any(~collapsed & (lengths <= told) & (pull > _STATIONARY * eps) & (pull <= _KNOWN))
     pole = jnp.any(collapsed) & ~jnp.all(collapsed | pressed) | beside
     held = pressed | collapsed
     hessian = _hessian(at, apart + at.point, held)
-    size = jnp.prod(jnp.sum(jnp.abs(hessian), axis=-1))
-    return held | ~(jnp.abs(_determinant(hessian)) > _SINGULAR * size), pole
+    most = jnp.prod(jnp.sum(jnp.abs(hessian), axis=-1))
+    return held | ~(jnp.abs(_determinant(hessian)) > _SINGULAR * most), pole
 
 
 def _hessian(at: Any, pull: Array, held: Array) -> Array:

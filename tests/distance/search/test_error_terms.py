@@ -20,6 +20,7 @@ from jhd._distance.normalization.curves import trusted
 from jhd._distance.normalization.pieces import CurvePlace
 from jhd._distance.normalization.stopping import Wanted, aim_at
 from jhd._distance.search import curves as search
+from jhd._distance.search import refined_witness
 
 MOVED = 0.125
 WANTED = Wanted(jnp.array(1e-9), jnp.array(0.0), aim_at(None, None, np.float64))
@@ -49,7 +50,8 @@ def one_away(curve):
 def a(monkeypatch):
     """A segment, while all bounds of its cells are one but for what the curves are moved by."""
     one = jnp.ones(())
-    monkeypatch.setattr(search, "evaluation_error", lambda a, b: MOVED)
+    for module in (search, refined_witness):
+        monkeypatch.setattr(module, "evaluation_error", lambda a, b: MOVED)
     monkeypatch.setattr(search, "cell_upper_bound", lambda a, b, c, runs: CurveBound(one, 0.5 * one, one, c.k0, c.s0))
     monkeypatch.setattr(search, "first_upper_bound", lambda a, b, c, runs: one)
     monkeypatch.setattr(search, "_first_foot", lambda b, x, s: (s.segment, s.t, one))
@@ -96,15 +98,16 @@ def test_the_lower_bound_of_a_polished_witness_is_widened(a, monkeypatch):
         places=lambda *_: places,
         balance=lambda y, s, held: (held, None),
     )
-    monkeypatch.setattr(search, "active", stays)
+    monkeypatch.setattr(refined_witness, "active", stays)
     # The feet need not agree with the distance.
-    monkeypatch.setattr(search, "_AGREEING", 1e30)
+    monkeypatch.setattr(refined_witness, "_AGREEING", 1e30)
 
     def polished():
         state, near = begun(a), one_away(a)
-        witness = jax.eval_shape(lambda: search.describe(a, a, state.at, state.foot).witness())
+        witness = jax.eval_shape(lambda: refined_witness.describe(a, a, state.at, state.foot).witness())
         witness = jax.tree_util.tree_map(lambda x: jnp.zeros(x.shape, x.dtype), witness)
-        return search._polished(a, near, witness, state)[1:3]
+        place = refined_witness.SearchedPlace(state.at, state.foot, state.value, state.lower, state.upper)
+        return refined_witness._polished(a, near, witness, place)[1:3]
 
     value, lower = jax.jit(polished)()
     assert float(value) == 1.0

@@ -1,6 +1,7 @@
 """Nearest points of surfaces: proven, against closed forms in rational numbers at every scale; their derivatives."""
 
 from fractions import Fraction
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +9,9 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.normalization.net_jets import Net
 from jhd._distance.search import targets
+from jhd._distance.search.patch_samples import samples_of, starts_among
 from jhd._distance.search.targets import target_of
 from jhd._results.solution import RESULTS, name_of
 from tests.differences import differences
@@ -265,10 +268,10 @@ def test_second_derivatives_beside_a_pole_are_right_and_unknown_on_it(many, dist
     gradient, offs = derivatives_beside_a_sphere(normal, distance)
     unknown = np.isnan(offs[0][:, 0, 0])
     np.testing.assert_allclose(gradient[~unknown], normal[~unknown], atol=1e-12)
-    # So near to the pole that distances do not tell the quarter of the foot, it may be unknown.
+    # So near to the pole that distances do not tell the octant of the foot, it may be unknown.
     np.testing.assert_allclose(gradient, normal, atol=1e-7)
     assert unknown[0]
-    assert np.all(angle[unknown] < 1e-7)
+    assert np.all(angle[unknown] < (1e-6 if distance > 1 else 1e-7))
     assert np.sum(unknown) <= len(angle) / 100 + 1
     for off in offs:
         assert np.all(np.isnan(off[unknown]))
@@ -308,6 +311,36 @@ def test_beyond_a_long_side_of_a_narrow_patch_second_derivatives_are_known():
     way = np.array([0.0, 1.0, 0.5]) / np.sqrt(1.25)
     exact = (np.diag([0.0, 1.0, 1.0]) - np.outer(way, way)) / np.sqrt(1.25)
     np.testing.assert_allclose(hessian, exact, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_above_an_apex_feet_are_not_looked_for_all_around(monkeypatch):
+    corners = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    cone = jhd.BezierPatches(
+        np.array([[[[0, 0, 1.0], p], [[0, 0, 1.0], np.roll(corners, -1, 0)[k]]] for k, p in enumerate(corners)])
+    )
+    counts: list[int] = []
+    target: Any = target_of(cone)
+    moved = target._moved
+    monkeypatch.setattr(target, "_moved", lambda points, *given: counts.append(len(points)) or moved(points, *given))
+    queries = np.array([0, 0, 2.0]) + 0.1 * np.random.default_rng(0).normal(size=(50, 3))
+    found = target.near(queries)
+    np.testing.assert_allclose(found.distance, np.linalg.norm(queries - [0, 0, 1.0], axis=1), rtol=1e-12)
+    # The first feet, and those from the same place on the neighbors.
+    assert sum(counts) <= 4 * len(queries)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_samples_around_a_pole_are_all_known_in_every_precision(dtype):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        points, weights = rng.uniform(-1, 1, (4, 3, 3, 3)), rng.uniform(0.5, 2, (4, 3, 3))
+        points[:, :, 0] = rng.uniform(-1, 1, 3)
+        net: Any = Net(*(jnp.asarray(x, dtype) for x in (points, weights)))
+        samples = samples_of(jax.tree_util.tree_map(np.asarray, net), np.linspace(0, 1, 6))
+        poles = starts_among(samples.reshape(4, 6, 6, 3)).poles
+        assert poles.shape == (1, 24)
+        assert set(poles[0]) == {36 * piece + 6 * k for piece in range(4) for k in range(6)}
 
 
 @pytest.mark.slow
