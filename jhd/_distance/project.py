@@ -74,8 +74,9 @@ def project(
     - If the foot point is an end or a corner of the shape, its parameter does not move. A foot point stays on the face,
       edge or vertex of a mesh that holds it, and on the face of the box of an implicit surface.
     - At a pole of a parametric surface, an edge of a patch is one point. There derivatives of the foot point and second
-      derivatives of the distance are NaN. They can also be NaN within about 1e-7 of the size of the patch from a pole:
-      there, distances do not tell which patch has the foot point, and gradients are correct to 1e-7.
+      derivatives of the distance are NaN. They can also be NaN if the foot point is so near to a pole that rounding
+      leaves its patch open: within 1e-7 of the size of the patch, or 1e-6 for points a hundred sizes away. Gradients
+      can be off by as much there.
 
     Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. Surfaces are
     searched by a host call, also under jit.
