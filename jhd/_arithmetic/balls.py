@@ -92,6 +92,20 @@ def semidefinite(h: Ball, fixed: Array) -> Array:
     return normalized(h, fixed)[1] >= 0
 
 
+def least_eigenvalue(h: Ball) -> Array:
+    """A lower bound of the eigenvalues of all symmetric matrices in the ball: close to it even if some are singular.
+
+    The eigenvalue of the mid-point, computed in any way, less what the ball and rounding make of it, is tried as a
+    shift that makes all of them positive definite.
+    """
+    n, dtype = h.mid.shape[-1], h.mid.dtype
+    size = jnp.max(jnp.sum(h.rad, axis=-1)) + gamma(64 * n, dtype) * jnp.max(jnp.abs(h.mid)) + _tiny(dtype)
+    found = jnp.linalg.eigvalsh(h.mid)[0] - 4 * n * size
+    shift = jnp.where(jnp.isfinite(found), found, 0.0)
+    moved = minus(h, Ball(shift * jnp.eye(n, dtype=dtype), jnp.zeros_like(h.rad)))
+    return jnp.where(semidefinite(moved, jnp.zeros(n, bool)), shift, -jnp.inf)
+
+
 def normalized(h: Ball, fixed: Array) -> tuple[Array, Array]:
     """The transpose of S with S^T h S close to one, and a lower bound of the eigenvalues of all S^T h S.
 

@@ -27,7 +27,7 @@ from jhd._arithmetic.trivariate import bernstein_conversion
 from jhd._runtime.arrays import varying
 
 # The degree at which polynomials are cut off.
-DEGREE = 5
+DEGREE = 7
 # Exponents of the terms, by degree.
 EXPONENTS = sorted(((i, j) for i, j in cartesian(range(DEGREE + 1), repeat=2) if i + j <= DEGREE), key=sum)
 _COUNT = len(EXPONENTS)
@@ -39,8 +39,6 @@ _FACTOR = np.array([[_ROW.get((k[0] - m[0], k[1] - m[1]), _COUNT) for k in EXPON
 _OF_DEGREE = np.append(_DEGREES, DEGREE + 1) == np.arange(DEGREE + 2)[:, None]
 # Which products of two of these belong to the rest.
 _BEYOND = np.add.outer(np.arange(DEGREE + 2), np.arange(DEGREE + 2)) > DEGREE
-# Monomials that are formed in one step.
-_SIDE_BY_SIDE = 3
 # Roundings of a coefficient of a product, and of the sums of its rest.
 _ROUNDINGS = 4 * _COUNT + 16
 # Bernstein coefficients on the square of all terms.
@@ -63,7 +61,6 @@ class Truncated(NamedTuple):
 
 def product(x: Truncated, y: Truncated) -> Truncated:
     """The product."""
-    dtype = x.terms.dtype
     padded = jnp.concatenate([y.terms, jnp.zeros_like(y.terms[:1])])
 
     # A loop compiles five times as fast as the sum written out.
@@ -71,11 +68,18 @@ def product(x: Truncated, y: Truncated) -> Truncated:
         return total + x.terms[m] * padded[jnp.asarray(_FACTOR)[m]]
 
     terms = jax.lax.fori_loop(0, _COUNT, add, varying(jnp.zeros_like(x.terms + y.terms), x, y))
-    # What is beyond the degree, and a share of all for roundings, by the sizes of the terms of each.
-    room = gamma(_ROUNDINGS, dtype)
+    return Truncated(jnp.asarray(terms), _rest_of_product(x, y))
+
+
+def _rest_of_product(x: Truncated, y: Truncated) -> Array:
+    """What is beyond the degree, and a share of all for roundings, by the sizes of the terms of each degree."""
     first, second = _sizes(x), _sizes(y)
-    shares = np.where(_BEYOND, 1 + 2 * room, room).astype(dtype).reshape(*_BEYOND.shape, *(1,) * (second.ndim - 1))
-    return Truncated(jnp.asarray(terms), _known(jnp.sum(shares * first[:, None] * second, axis=(0, 1))))
+    room = gamma(_ROUNDINGS, first.dtype)
+    # Of x there may be more functions, side by side.
+    second = second.reshape(len(second), *(1,) * (first.ndim - second.ndim), *second.shape[1:])
+    shares = np.where(_BEYOND, 1 + 2 * room, room).astype(first.dtype)
+    shares = shares.reshape(*shares.shape, *(1,) * (second.ndim - 1))
+    return _known(jnp.sum(shares * first[:, None] * second, axis=(0, 1)))
 
 
 def _known(rest: Array) -> Array:
@@ -86,7 +90,7 @@ def _known(rest: Array) -> Array:
 def _sizes(x: Truncated) -> Array:
     """The sums of the sizes of the terms of each degree, and last the rest."""
     rows = jnp.concatenate([jnp.abs(x.terms), x.rest[None]])
-    return jnp.sum(jnp.where(_OF_DEGREE.reshape(*_OF_DEGREE.shape, *(1,) * (rows.ndim - 1)), rows[None], 0.0), axis=1)
+    return jnp.tensordot(_OF_DEGREE.astype(rows.dtype), rows, 1, precision="highest")
 
 
 def plus(x: Truncated, y: Truncated) -> Truncated:
@@ -139,66 +143,100 @@ def composed(form: Array, variables: Truncated) -> Truncated:
     flat = form.reshape(-1, *form.shape[count:])
     degrees = np.sum(np.indices(shape), axis=0).ravel()
     plan = _monomials(shape)
-
-    def step(k: Array, known: Truncated) -> Truncated:
-        x, y = (jax.tree_util.tree_map(lambda x, at=at: x[jnp.asarray(at)[k]], known) for at in (plan.lower, plan.axis))
-        put = lambda x, new: jax.lax.dynamic_update_slice_in_dim(x, new, count + k * _SIDE_BY_SIDE, 0)  # noqa: E731
-        return jax.tree_util.tree_map(put, known, jax.vmap(product)(x, y))
-
-    known = Truncated(jnp.moveaxis(variables.terms, 1, 0), variables.rest)
-    if len(plan.entry):
-        room = lambda x: jnp.pad(x, [(0, plan.entry.size)] + [(0, 0)] * (x.ndim - 1))  # noqa: E731
-        known = varying(jax.tree_util.tree_map(room, known), variables)
-        known = jax.lax.fori_loop(0, len(plan.entry), step, known)
-    # The constant one has no row; what stands for no monomial has a coefficient of zero.
-    factors = jnp.concatenate([flat, jnp.zeros_like(flat[:1])])[np.append(plan.first, plan.entry)]
+    each = [Truncated(variables.terms[:, k], variables.rest[k]) for k in range(count)]
+    # A product with a variable is one with a matrix, made once.
+    matrices = [jnp.concatenate([y.terms, jnp.zeros_like(y.terms[:1])])[_FACTOR] for y in each]
+    last = jnp.moveaxis(variables.terms, 1, 0), variables.rest
+    known = [last]
+    for groups in plan.groups:
+        parts = []
+        for axis, lower in groups:
+            x, rest = (z[lower] for z in last)
+            terms = jnp.einsum("nm...,mk...->nk...", x, matrices[axis], precision="highest")
+            parts.append((terms, _rest_of_product(Truncated(jnp.moveaxis(x, 0, 1), rest), each[axis])))
+        last = _joined(parts)
+        known.append(last)
+    terms, rests = _joined(known)
+    # The constant one has no row; a variable of degree zero has a coefficient of zero.
+    factors = jnp.concatenate([flat, jnp.zeros_like(flat[:1])])[plan.entry]
     sizes, beyond = jnp.abs(factors), jnp.abs(flat[np.flatnonzero(degrees > DEGREE)])
-    terms = jnp.sum(factors[:, None] * known.terms, axis=0).at[0].add(flat[0])
-    rest = jnp.sum(sizes * known.rest, axis=0)
-    size = rest + jnp.sum(sizes * jnp.sum(jnp.abs(known.terms), axis=1), axis=0) + jnp.abs(flat[0])
+    size = jnp.sum(sizes * jnp.sum(jnp.abs(terms), axis=1), axis=0)
+    terms = jnp.sum(factors[:, None] * terms, axis=0).at[0].add(flat[0])
+    rest = jnp.sum(sizes * rests, axis=0)
+    size = rest + size + jnp.abs(flat[0])
     rest, room = rest + jnp.sum(beyond, axis=0), gamma(degrees.size + _ROUNDINGS, dtype)
     return Truncated(terms, _known(rest * (1 + room) + room * size))
 
 
+def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    terms, rests = zip(*parts, strict=True)
+    return jnp.concatenate(terms), jnp.concatenate(rests)
+
+
 class _Monomials(NamedTuple):
-    """How those of degree 2, 3, .. DEGREE come of others, some in a step: a loop compiles as fast as one step.
+    """How monomials come of those of one degree less, from the variables on.
 
     Args:
-        first: where the coefficients of the variables stand.
-        lower: rows (steps, side by side) of monomials of one degree less, after those of the variables.
-        axis: the variables that these are multiplied with.
-        entry: where the coefficients stand; one behind the last where there is none.
+        groups: for each degree from 2 on, variables and which of the monomials before they are multiplied with.
+        entry: where the coefficients of all of them stand, variables first; one behind the last if there is none.
     """
 
-    first: np.ndarray
-    lower: np.ndarray
-    axis: np.ndarray
+    groups: list[list[tuple[int, np.ndarray]]]
     entry: np.ndarray
 
 
 @cache
 def _monomials(shape: tuple[int, ...]) -> _Monomials:
-    """Those with powers below a shape."""
+    """Those with powers below a shape, up to DEGREE."""
     count, none = len(shape), math.prod(shape)
     entry = {powers: k for k, powers in enumerate(np.ndindex(*shape))}
-    units = [tuple(int(j == axis) for j in range(count)) for axis in range(count)]
-    row, steps = {unit: axis for axis, unit in enumerate(units)}, []
-    for degree in range(2, DEGREE + 1):
-        powers = [p for p in entry if sum(p) == degree]
-        for some in (powers[k : k + _SIDE_BY_SIDE] for k in range(0, len(powers), _SIDE_BY_SIDE)):
-            axes = [next(axis for axis, power in enumerate(p) if power) for p in some]
-            lower = [row[tuple(np.subtract(p, units[axis]).tolist())] for p, axis in zip(some, axes, strict=True)]
-            row |= {p: count + _SIDE_BY_SIDE * len(steps) + k for k, p in enumerate(some)}
-            rest = [0] * (_SIDE_BY_SIDE - len(some))
-            steps.append([lower + rest, axes + rest, [entry[p] for p in some] + [none] * len(rest)])
-    first = np.array([entry.get(unit, none) for unit in units])
-    return _Monomials(first, *np.reshape(np.array(steps, int), (-1, 3, _SIDE_BY_SIDE)).swapaxes(0, 1))
+    before = [tuple(int(j == axis) for j in range(count)) for axis in range(count)]
+    units, entries, plan = before, [entry.get(unit, none) for unit in before], []
+    for degree in range(2, min(DEGREE, sum(shape) - count) + 1):
+        groups, after = [], []
+        for axis, unit in enumerate(units):
+            # Multiples of the first variable that they hold.
+            powers = [p for p in entry if sum(p) == degree and p[axis] and not any(p[:axis])]
+            if powers:
+                groups.append((axis, np.array([before.index(tuple(np.subtract(p, unit).tolist())) for p in powers])))
+                after += powers
+        plan.append(groups)
+        entries += [entry[p] for p in after]
+        before = after
+    return _Monomials(plan, np.array(entries))
+
+
+def composed_on_graph(form: Array, height: Truncated, loose: Array | float) -> Truncated:
+    """The polynomial of s^i t^j z^k, form (i, j, k, ...), at functions z of absolute value at most one.
+
+    It takes as many products as the powers of z, where `composed` takes one for every monomial.
+
+    Args:
+        form: the coefficients.
+        height: the functions z, (terms, ...).
+        loose: the most that the values of s and t are off, much less than one.
+    """
+    dtype, (m, n, count) = form.dtype, form.shape[:3]
+    degrees = np.add.outer(np.arange(m), np.arange(n))
+    zero, sizes = jnp.zeros_like(form[0, 0]), jnp.abs(form)
+    shaped = lambda x: jnp.asarray(x.reshape(m, n, *[1] * (form.ndim - 2)), dtype)  # noqa: E731
+    terms = jnp.stack([form[i, j] if i < m and j < n else zero for i, j in EXPONENTS], axis=1)
+    # What is beyond the degree, and what the slopes in s and t make of the values that are off.
+    beyond, slopes = (jnp.sum(shaped(x) * sizes, axis=(0, 1)) for x in (degrees > DEGREE, degrees))
+    rows = Truncated(terms, _known((beyond + loose * slopes) * (1 + 1e-3)))
+
+    def step(k: Array, total: Truncated) -> Truncated:
+        return plus(product(total, height), jax.tree_util.tree_map(lambda x: x[count - 1 - k], rows))
+
+    start = varying(jax.tree_util.tree_map(lambda x: x[count - 1], rows), form, height)
+    return jax.lax.fori_loop(1, count, step, start)
 
 
 def bernstein_form(terms: Array) -> Array:
     """Bernstein coefficients on the square, (DEGREE + 1, DEGREE + 1, ...), of terms (terms, ...)."""
-    matrix = _TO_BERNSTEIN.astype(terms.dtype).reshape(*_TO_BERNSTEIN.shape, *[1] * (terms.ndim - 1))
-    return jnp.sum(matrix * terms, axis=1).reshape(DEGREE + 1, DEGREE + 1, *terms.shape[1:])
+    matrix = _TO_BERNSTEIN.astype(terms.dtype)
+    values = jnp.tensordot(matrix, terms, 1, precision="highest")
+    return values.reshape(DEGREE + 1, DEGREE + 1, *terms.shape[1:])
 
 
 def largest(x: Truncated) -> Array:

@@ -337,7 +337,9 @@ def _is_usual(x: Any, home: Any, alone: bool) -> bool:
 
 def _like(x: Any) -> jax.ShapeDtypeStruct:
     kind = jax.typeof(x)
-    return jax.ShapeDtypeStruct(kind.shape, kind.dtype, weak_type=kind.weak_type)
+    # A loop gives an integer back that is weakly typed no more, which is not to be another program.
+    weak = kind.weak_type and not (isinstance(x, jax.Array) and kind.dtype.kind in "iu")
+    return jax.ShapeDtypeStruct(kind.shape, kind.dtype, weak_type=weak)
 
 
 def make_room() -> None:

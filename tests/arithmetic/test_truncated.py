@@ -6,7 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd._arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product, reciprocal
+from jhd._arithmetic.truncated import (
+    EXPONENTS,
+    Truncated,
+    composed,
+    composed_on_graph,
+    largest,
+    product,
+    reciprocal,
+)
 
 CASES = 8
 PRODUCT, COMPOSED, LARGEST, RECIPROCAL = (jax.jit(f) for f in (product, composed, largest, reciprocal))
@@ -66,6 +74,28 @@ def test_compositions_of_two_functions_stay_within_their_rests():
                 first, second = (value(x[:, k, case], s, t) for k in range(2))
                 exact = sum(Fraction(float(form[i, j, case])) * first**i * second**j for i, j in np.ndindex(*shape))
                 assert holds(whole, case, exact, s, t)
+
+
+def test_compositions_on_a_graph_stay_within_their_rests():
+    rng = np.random.default_rng(6)
+    z = random_polynomials(rng)
+    rest, loose = rng.choice([0.0, 1e-9], CASES), 1e-9
+    # The form has terms beyond the degree.
+    form = rng.normal(size=(8, 5, 4, CASES))
+    found = jax.jit(composed_on_graph)(form, Truncated(jnp.asarray(z), jnp.asarray(rest)), loose)
+    for case in range(CASES):
+        for s, t in places(rng):
+            for sign in (-1, 0, 1):
+                x, y = (v - sign * Fraction(loose) * (1 if v > 0 else -1) for v in (s, t))
+                height = value(z[:, case], s, t) + sign * Fraction(float(rest[case]))
+                exact = sum(
+                    Fraction(float(form[(*p, case)])) * x ** p[0] * y ** p[1] * height ** p[2]
+                    for p in np.ndindex(8, 5, 4)
+                )
+                assert holds(found, case, exact, s, t)
+    # Without terms beyond the degree little is lost on a flat graph.
+    flat = Truncated(jnp.asarray(z * 1e-6), jnp.zeros(CASES))
+    assert np.all(jax.jit(composed_on_graph)(form[:3, :3], flat, 0.0).rest < 1e-4)
 
 
 def test_reciprocals_stay_within_their_rests_and_know_nothing_beside_a_zero():

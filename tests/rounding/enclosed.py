@@ -188,12 +188,17 @@ def _total(numbers: Enclosed, operands: list[Known], parameters: dict[str, Any])
 
 def _scalar_product(numbers: Enclosed, operands: list[Known], parameters: dict[str, Any]) -> Known:
     (summed, batch), (x, y) = parameters["dimension_numbers"], operands
-    if len(summed[0]) != 1 or batch[0]:
-        raise NotImplementedError("a dot_general along several axes, or of batches.")
-    rows = each_part(lambda v: np.moveaxis(v, summed[0][0], -1), x)
-    columns = each_part(lambda v: np.moveaxis(v, summed[1][0], -1), y)
-    free = columns.low.ndim - 1
+    if len(summed[0]) != 1:
+        raise NotImplementedError("a dot_general along several axes.")
+    # Batches first, and last what is summed.
+    count = len(batch[0])
+    rows, columns = (
+        each_part(lambda v, k=k: np.moveaxis(v, (*batch[k], summed[k][0]), (*range(count), -1)), z)
+        for k, z in enumerate((x, y))
+    )
+    free, own = (z.low.ndim - 1 - count for z in (columns, rows))
     rows = each_part(lambda v: v.reshape(*v.shape[:-1], *[1] * free, v.shape[-1]), rows)
+    columns = each_part(lambda v: v.reshape(*v.shape[:count], *[1] * own, *v.shape[count:]), columns)
     product = _product(numbers, [rows, columns], {})
     return _total(numbers, [product], {"axes": (product.low.ndim - 1,)})
 

@@ -119,10 +119,18 @@ def bound_between_rational(a, b, v, w):
     return foot_map_bounds.bound_between(2, simplex(a * v[:, :, None], v), simplex(b * w[:, :, None], w), 4)
 
 
-def values_over(a, variables):
+def _on_piece(a, variables):
     nothing = jnp.zeros(a.shape[-1], a.dtype)
     functions = truncated.Truncated(variables, jnp.zeros(variables.shape[1:], a.dtype))
-    return graphs.values_over(graphs.OnPiece(Form(a, a, nothing, nothing), a, functions, nothing, nothing))
+    return graphs.OnPiece(Form(a, a, nothing, nothing), a, functions, nothing, nothing)
+
+
+def values_over(a, variables):
+    return graphs.values_over(_on_piece(a, variables))
+
+
+def values_on_graph(a, height):
+    return graphs.values_on_graph(_on_piece(a, jnp.stack([height] * 3, axis=1)))
 
 
 def apart(height, center, half, q):
@@ -150,8 +158,10 @@ def _triangular(seed: int, *values: int, low: float = -1.0) -> np.ndarray:
     return uniform(seed, 3, 3, *values, low=low) * table
 
 
+# How many terms truncated polynomials have.
+TERMS = len(truncated.EXPONENTS)
 # Those that take seconds to trace.
-SLOW = ("followed", "followed rational", "values over", "apart")
+SLOW = ("followed", "followed rational", "values over", "values on graph", "apart")
 # Bounds: a function, its numbers, the modules whose constants are in it, and the side.
 BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
     "lower bounds": (lower_bounds, [*_cells(3), uniform(5, 3), _factors(6, 6)], (forms,), -1),
@@ -186,13 +196,19 @@ BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
     ),
     "values over": (
         values_over,
-        [uniform(41, 4, 4, 4, COUNT) * DTYPE(0.3), uniform(42, 21, 3, COUNT) / DTYPE(21)],
+        [uniform(41, 4, 4, 4, COUNT) * DTYPE(0.3), uniform(42, TERMS, 3, COUNT) / DTYPE(TERMS)],
+        (graphs, truncated),
+        1,
+    ),
+    "values on graph": (
+        values_on_graph,
+        [uniform(41, 4, 4, 4, COUNT) * DTYPE(0.3), uniform(42, TERMS, COUNT) / DTYPE(TERMS)],
         (graphs, truncated),
         1,
     ),
     "apart": (
         apart,
-        [uniform(43, 21, COUNT) * DTYPE(0.3), *_cells(1)[1:], uniform(44, 21, 3, COUNT) * DTYPE(0.2)],
+        [uniform(43, TERMS, COUNT) * DTYPE(0.3), *_cells(1)[1:], uniform(44, TERMS, 3, COUNT) * DTYPE(0.1)],
         (tracked_feet_upper, truncated),
         1,
     ),
@@ -264,7 +280,7 @@ TOLD: dict[str, tuple[Callable, list[np.ndarray]]] = {
     "stationarity": (lambda x: stationary(x, None), [uniform(21, 5, 2)]),
     "rational stationarity": (stationary, [uniform(22, 5, 2), uniform(23, 4, low=0.1)]),
     "coefficients": (shifted, [uniform(24, 4, 4, 4), uniform(25, 3)]),
-    "graph": (control_points, [uniform(26, 21, COUNT), *_cells(1)[1:]]),
+    "graph": (control_points, [uniform(26, TERMS, COUNT), *_cells(1)[1:]]),
     "chord in the plane": (on_chord, [uniform(k, COUNT, 2) for k in (27, 28, 29)]),
     "chord in space": (on_chord, [uniform(k, COUNT, 3) for k in (27, 28, 29)]),
 }

@@ -23,7 +23,7 @@ from jaxtyping import Array
 
 from jhd._arithmetic.polynomials import jets
 from jhd._arithmetic.rounding import gamma
-from jhd._arithmetic.truncated import DEGREE, EXPONENTS, Truncated, bernstein_form, composed
+from jhd._arithmetic.truncated import DEGREE, EXPONENTS, Truncated, bernstein_form, composed, composed_on_graph
 from jhd._distance.nearest.forms import Boxes, Form, form, slope_changes
 from jhd._distance.normalization.surfaces import Side
 from jhd._runtime.arrays import varying
@@ -44,8 +44,8 @@ def _nodes() -> tuple[np.ndarray, np.ndarray]:
     return np.stack([s, t]), np.stack([s**i * t**j for i, j in EXPONENTS], axis=1)
 
 
-NODES, VALUES = _nodes()
-_FIT = np.linalg.inv(VALUES)
+NODES, _VALUES = _nodes()
+_FIT = np.linalg.inv(_VALUES)
 S, T = EXPONENTS.index((1, 0)), EXPONENTS.index((0, 1))
 
 
@@ -84,6 +84,13 @@ def graph_over(form_a: Form, a: Side, cells: Boxes) -> GraphOver:
     return GraphOver(places.reshape(3, -1), *_graph(a, cells, order, height))
 
 
+def values_on_graph(on: OnPiece) -> Array:
+    """As `values_over` for the piece of a graph, whose first two variables are s and t."""
+    height = jax.tree_util.tree_map(lambda x: x[..., 2, :], on.variables)
+    found = composed_on_graph(on.local, height, jnp.max(on.variables.rest[:2], axis=0))
+    return found.size * (1 + gamma(64, on.local.dtype)) + on.form.error
+
+
 def values_over(on: OnPiece) -> Array:
     """Bounds (cells,) of the absolute values of a polynomial where polynomials are put into it."""
     return composed(on.local, on.variables).size * (1 + gamma(64, on.local.dtype)) + on.form.error
@@ -103,10 +110,14 @@ def control_points(over: GraphOver) -> tuple[Array, Array]:
     return jnp.take_along_axis(points, back, axis=2), math.sqrt(3) * gamma(64, size.dtype) * size
 
 
+def at_nodes(terms: Array) -> Array:
+    """Values (nodes, ...) from coefficients (terms, ...)."""
+    return jnp.tensordot(_VALUES.astype(terms.dtype), terms, 1, precision="highest")
+
+
 def fitted(values: Array) -> Array:
     """Coefficients (terms, ...) from values (nodes, ...)."""
-    matrix = _FIT.astype(values.dtype).reshape(*_FIT.shape, *[1] * (values.ndim - 1))
-    return jnp.sum(matrix * values, axis=1)
+    return jnp.tensordot(_FIT.astype(values.dtype), values, 1, precision="highest")
 
 
 def _sorted(x: Array, order: Array) -> Array:

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd._arithmetic.balls import Ball, dot, minus, plus, semidefinite, times
+from jhd._arithmetic.balls import Ball, dot, least_eigenvalue, minus, plus, semidefinite, times
 from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.scaling import length
 from jhd._distance.cells.implicit import (
@@ -48,7 +48,7 @@ from jhd._distance.normalization.net_jets import Net, jet, part_of, skew
 from jhd._distance.normalization.surfaces import Side
 
 # Steps of Newton's method on the Lagrange system of a cell.
-_STEPS = 6
+_STEPS = 8
 # The share of the quadratic terms: in the steps, where it makes them keep to the surfaces, and in the bounds.
 _STIFF, _CONVEX = 1e5, 30.0
 _THINNEST = 16
@@ -193,6 +193,8 @@ def _of_second_order(
     tight = _pointwise(a, b, there, cell.low + z * (cell.high - cell.low), n, place.parts)
     scale = _CONVEX * _ratio(jnp.max(jnp.abs(jnp.diagonal(now.hessian))), jnp.sum(now.slopes**2, axis=-1))
     by_f = _second_order(tight, over, apart, tight.e, place.multipliers, scale, z, True)
+    # Of quadrics this has constant second derivatives.
+    by_f = jnp.fmax(by_f, _second_order(tight, over, apart, tight.e, place.multipliers, 0 * scale, z, True))
     by_f = jnp.sqrt(jnp.maximum(2 * by_f, 0.0)) * (1 - gamma(12, dtype))
     along = Ball(unit, jnp.zeros_like(unit))
     by_psi = _second_order(tight, over, along, along, place.multipliers * per, scale * per, z, False)
@@ -322,6 +324,8 @@ def _second_order(
     reach = jnp.maximum(z, 1 - z) + at.shift
     off_diagonal = jnp.where(jnp.eye(z.size, dtype=bool), jnp.maximum(-h.lower, 0.0), h.size)
     curved = 0.5 * jnp.sum(off_diagonal * reach[:, None] * reach) * (1 + gamma(z.size**2 + 24, dtype))
+    flat = jnp.maximum(-least_eigenvalue(h), 0.0) * 0.5 * jnp.sum(reach**2) * (1 + gamma(z.size + 24, dtype))
+    curved = jnp.minimum(curved, flat)
     up = jnp.maximum(slope.upper, 0.0) * (z + at.shift)
     down = jnp.maximum(-slope.lower, 0.0) * (1 - z + at.shift)
     taken = jnp.sum(jnp.maximum(up, down)) * (1 + gamma(16, dtype)) + jnp.where(convex, 0.0, curved)

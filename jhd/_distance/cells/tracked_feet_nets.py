@@ -36,13 +36,13 @@ from jhd._arithmetic.trivariate import power_conversion
 from jhd._arithmetic.truncated import DEGREE, EXPONENTS, Truncated, composed, largest, product, reciprocal, scaled
 from jhd._arithmetic.truncated import plus as added
 from jhd._distance.cells.foot_maps import foot_between
-from jhd._distance.cells.graphs import VALUES, fitted
+from jhd._distance.cells.graphs import at_nodes, fitted
 from jhd._distance.cells.implicit import between
 from jhd._distance.cells.tracked_feet_minimum import MovingPoint, MovingSquare, least, least_of_rest, less
 from jhd._distance.normalization.net_jets import Net, eta, jet, part_of
 
 # Newton steps for the foot in the middle, and from there for those of the nodes.
-_FIRST, _STEPS = 4, 4
+_FIRST, _STEPS = 4, 3
 # How far feet are followed beyond a cell, in sizes of that of a: they move faster than a where that is
 # between b and its centers of curvature. And beyond a piece, at most.
 _FARTHER, _BEYOND = 4.0, 0.25
@@ -110,8 +110,7 @@ def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: 
 
 def _feet(piece: Net, terms: Array, low: Array, high: Array, start: Array) -> Array:
     """Coefficients (terms, parameters of b) of polynomials through about the feet of the nodes of a cell of a."""
-    values = VALUES.astype(terms.dtype)
-    places = jnp.sum(values[:, :, None] * terms[None], axis=1)
+    places = at_nodes(terms)
     extent = 2 * length(jnp.sum(jnp.abs(terms[1:]), axis=0))
     rate = jax.vmap(length)(jet(piece, start).first)
     margin = jnp.minimum(_FARTHER * extent / jnp.where(rate > 0, rate, jnp.inf), _BEYOND)
@@ -268,7 +267,11 @@ def _derivative(rows: Array, axis: int) -> Array:
 
 def _dot(x: Truncated, y: Truncated) -> Truncated:
     """Scalar products along the first axis."""
-    every = product(x, y)
+    return _sum(product(x, y))
+
+
+def _sum(every: Truncated) -> Truncated:
+    """The sum along the first axis."""
     total = _at(every, slice(0, 1))
     for k in range(1, every.rest.shape[0]):
         total = added(total, _at(every, slice(k, k + 1)))
@@ -282,7 +285,7 @@ def _convexity(on_a: Truncated, over: _Moved, squares: Array) -> Array:
     second = Truncated(over.second.terms[..., None], over.second.rest[..., None])
     # The middle of a, what it moves by along a plane, and the rest.
     plane = on_a.terms[:3].T[:, None]
-    parts = _dot(second, _constant(plane))
+    parts = _sum(scaled(second, plane))
     around = Truncated(on_a.terms.at[:3].set(0.0), on_a.rest).size * (1 + gamma(32, dtype))
     loose = jnp.sum(around[:, None] * over.second.size, axis=0) + jnp.sum(_sizes(parts)[:, 1:], axis=-1)
     loose = loose * (1 + gamma(64, dtype))

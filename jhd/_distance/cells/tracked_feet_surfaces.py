@@ -48,7 +48,7 @@ from jhd._arithmetic.polynomials import slopes
 from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.truncated import Truncated, composed, largest, product, scaled
 from jhd._arithmetic.truncated import plus as added
-from jhd._distance.cells.graphs import VALUES, S, T, beside_graph, fitted, graph_over, values_over
+from jhd._distance.cells.graphs import S, T, at_nodes, beside_graph, fitted, graph_over, values_on_graph
 from jhd._distance.cells.implicit import between, shape_over
 from jhd._distance.cells.tracked_feet_minimum import MovingPoint, MovingSquare, least, least_of_rest, less
 from jhd._distance.cells.tracked_feet_upper import piece_about
@@ -56,8 +56,8 @@ from jhd._distance.nearest.forms import boxes, form, slope_changes
 from jhd._distance.nearest.surface_points import local_feet
 from jhd._distance.normalization.surfaces import Side
 
-# Newton steps for the feet of the nodes.
-_STEPS_OF_FEET = 6
+# Newton steps for the foot in the middle, and from there for those of the nodes.
+_FIRST, _STEPS_OF_FEET = 6, 3
 # Shares of the quadratic term, relative to the slope of g, and moduli of convexity 2 m, that are tried.
 _HEAVY = (0.0, 4.0)
 _MODULI = (1.0, 0.1, 0.01)
@@ -88,12 +88,12 @@ def points_of_surface(a: Side, low: Array, high: Array) -> MovingPoint:
     terms, back = terms.at[0].add(graph.center), jnp.argsort(graph.order, axis=0)
     terms, rest = jnp.take_along_axis(terms, back[None], axis=1), jnp.take_along_axis(size, back, axis=0)
     point = Truncated(terms[..., 0], gamma(8, low.dtype) * rest[:, 0])
-    return MovingPoint(point, beside_graph(graph, on, values_over(on))[0], slope_changes(form_a)[:, 0])
+    return MovingPoint(point, beside_graph(graph, on, values_on_graph(on))[0], slope_changes(form_a)[:, 0])
 
 
 def square_to_surface(b: Side, point: Truncated, low: Array, high: Array, start: Array) -> MovingSquare:
     """A lower bound of the squared distance of moving points from the part of b in a cell."""
-    places = jnp.sum(VALUES.astype(low.dtype)[:, :, None] * point.terms[None], axis=1).T
+    places = at_nodes(point.terms).T
     first = _first_foot(b, point.terms[0], start, low, high)
     feet = local_feet(b, places, jnp.broadcast_to(first, places.shape), _STEPS_OF_FEET)
     moving = _moving(b, point, feet, _multipliers(b, places, feet))
@@ -114,8 +114,8 @@ def distance_to_surface(b: Side, point: Truncated, start: Array) -> Array:
         start: a point of b from where feet are looked for.
     """
     dtype = start.dtype
-    places = jnp.sum(VALUES.astype(dtype)[:, :, None] * point.terms[None], axis=1).T
-    feet = local_feet(b, places, jnp.broadcast_to(start[:, None], places.shape), _STEPS_OF_FEET)
+    places = at_nodes(point.terms).T
+    feet = local_feet(b, places, jnp.broadcast_to(start[:, None], places.shape), _FIRST)
     moving = _moving(b, point, feet, jnp.zeros_like(feet[0]))
     far = jnp.sqrt(jnp.maximum(largest(_square(moving)), 0.0)) * (1 + gamma(4, dtype))
     value = jnp.maximum(largest(moving.value), largest(scaled(moving.value, -1.0)))
@@ -140,7 +140,7 @@ def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) ->
     """A foot (3, 1) of a place: of those found from a start and from the place itself the one nearer to a box."""
     own = jnp.clip(place, jnp.asarray(b.lower), jnp.asarray(b.upper))
     places = jnp.stack([place, place], axis=1)
-    found = local_feet(b, places, jnp.stack([own, start], axis=1), _STEPS_OF_FEET)
+    found = local_feet(b, places, jnp.stack([own, start], axis=1), _FIRST)
     value, gradient = slopes(jnp.asarray(b.coefficients), found)
     slope = jnp.sqrt(jnp.sum(gradient**2, axis=0))
     off = jnp.abs(value) / jnp.where(slope > 0, slope, jnp.inf) + jnp.where(slope > 0, 0.0, jnp.inf)

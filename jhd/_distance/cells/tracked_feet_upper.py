@@ -21,13 +21,24 @@ Source: ours.
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jhd._arithmetic.rounding import gamma, round_up, smallest_normal
 from jhd._arithmetic.truncated import Truncated, largest, product
-from jhd._distance.cells.graphs import NODES, Graph, OnPiece, S, T, beside_graph, fitted, graph_over, rates, values_over
+from jhd._distance.cells.graphs import (
+    NODES,
+    Graph,
+    OnPiece,
+    S,
+    T,
+    beside_graph,
+    fitted,
+    graph_over,
+    rates,
+    values_on_graph,
+    values_over,
+)
 from jhd._distance.nearest.forms import Boxes, Form, form
 from jhd._distance.nearest.surface_points import local_feet
 from jhd._distance.normalization.surfaces import Side
@@ -48,11 +59,8 @@ def moving_bounds(
     q = fitted(feet.reshape(3, -1, count).transpose(2, 0, 1))
     graph, on_a = over.graph, over.on
     ranges, on_b = piece_about(b, q)
-    # In one go, which takes half as long to compile.
     dtype = q.dtype
-    most_a, most_b = jnp.split(
-        values_over(jax.tree_util.tree_map(lambda x, y: jnp.concatenate([x, y], axis=-1), on_a, on_b)), 2
-    )
+    most_a, most_b = values_on_graph(on_a), values_over(on_b)
     beside = beside_graph(graph, on_a, most_a)
     moved, off = _off(b, ranges, on_b, most_b)
     apart = jnp.sqrt(jnp.maximum(_apart(graph, q), 0.0)) * (1 + gamma(4, dtype)) + smallest_normal(dtype) ** 0.5

@@ -18,14 +18,14 @@ from jaxtyping import Array
 
 from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.scaling import length
-from jhd._distance.cells.pairs import BestPair, Cell, Parametric
+from jhd._distance.cells.pairs import BestPair, Cell, PairBound, Parametric
 from jhd._distance.cells.tracked_feet import PairProblem
 from jhd._distance.normalization.coordinates import Frame, diagonal
 from jhd._distance.normalization.net_jets import Net, eta, point_error
 from jhd._distance.normalization.stopping import default_tolerance
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._results.solution import RESULTS, MinimumSolution, result_where
-from jhd._runtime.arrays import is_traced, varying
+from jhd._runtime.arrays import is_traced, module_of, varying
 
 # Pairs that are cut in one step.
 WIDTH = 16
@@ -72,6 +72,26 @@ class ClosestState(NamedTuple):
     axis: Array
     best: BestPair
     settled: Array
+    lost: Array
+    steps: Array
+    pairs: Array
+
+
+class Reached(NamedTuple):
+    """What a search has proven and found: the best pair, the lower bound, and how many pairs wait.
+
+    Args:
+        best: the nearest pair of points found.
+        lower: the proven lower bound.
+        waiting: the number of pairs that are still open.
+        lost: whether a pair was left out because it did not fit into the table.
+        steps: steps taken.
+        pairs: pairs bounded.
+    """
+
+    best: BestPair
+    lower: Array
+    waiting: Array
     lost: Array
     steps: Array
     pairs: Array
@@ -161,37 +181,51 @@ def room_for(pairs: int, capacity: int) -> int:
     return max(capacity, 4 * WIDTH, 1 << (2 * pairs - 1).bit_length())
 
 
-def lower_of(state: ClosestState) -> Array:
-    """The proven lower bound reached."""
-    return jnp.minimum(jnp.minimum(state.lower[0], state.settled), state.best.upper)
+def reached_by(state: ClosestState) -> Reached:
+    """What a table has reached."""
+    lower = jnp.minimum(jnp.minimum(state.lower[0], state.settled), state.best.upper)
+    return Reached(state.best, lower, jnp.sum(jnp.isfinite(state.lower)), state.lost, state.steps, state.pairs)
 
 
-def tolerance_of(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
+def tolerance_of(problem: PairProblem, wanted: WantedGap, best: BestPair) -> Array:
     """The gap that closes the search: what is asked for, or what rounding leaves."""
-    found = jnp.where(jnp.isfinite(state.best.upper), state.best.upper, 0.0)
+    found = jnp.where(jnp.isfinite(best.upper), best.upper, 0.0)
     return jnp.maximum(jnp.maximum(wanted.atol, wanted.rtol * found), problem.floor)
 
 
 def is_open(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
     """Whether there are pairs that may hold a distance smaller by more than the tolerance."""
-    return state.lower[0] < close_enough(problem, wanted, state)
+    return state.lower[0] < close_enough(problem, wanted, state.best)
 
 
-def is_hopeless(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
+def is_hopeless(
+    problem: PairProblem, wanted: WantedGap, reached: Reached, power: float = 0.5, factor: float = _HOPELESS
+) -> Array:
     """Whether a family of nearest pairs needs far more steps than are left.
 
     The number of its pairs grows at least like the root of the inverse of the gap: over a curve of them the bounds are
     of second order in the size of the cells.
+
+    Args:
+        problem: the pair of shapes.
+        wanted: tolerances, and the most steps.
+        reached: what the search has reached.
+        power: the power of the inverse of the gap like which the number of pairs grows.
+        factor: how many times the steps that are left those are that it seems to need.
     """
-    late, found = state.steps >= jnp.maximum(wanted.most // 2, _LATE), jnp.isfinite(state.best.upper)
-    gap = jnp.where(found, state.best.upper - lower_of(state), 0.0)
-    pairs = jnp.sum(jnp.isfinite(state.lower)) * jnp.sqrt(gap / tolerance_of(problem, wanted, state))
-    return late & (pairs > _HOPELESS * WIDTH * (wanted.most - state.steps))
+    late, upper = reached.steps >= jnp.maximum(wanted.most // 2, _LATE), reached.best.upper
+    gap = jnp.where(jnp.isfinite(upper), upper - reached.lower, 0.0)
+    pairs = reached.waiting * (gap / tolerance_of(problem, wanted, reached.best)) ** power
+    return late & (pairs > factor * WIDTH * (wanted.most - reached.steps))
 
 
 def is_full(state: ClosestState) -> Array:
     """Whether the next step may find no room."""
     return jnp.isfinite(state.lower[state.lower.size - WIDTH])
+
+
+def _is_going(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
+    return is_open(problem, wanted, state) & ~is_hopeless(problem, wanted, reached_by(state))
 
 
 def advance(
@@ -200,8 +234,7 @@ def advance(
     """Goes on until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
 
     def going_on(state: ClosestState) -> Array:
-        open_ = is_open(problem, wanted, state) & ~is_hopeless(problem, wanted, state) & (state.steps < limit)
-        return open_ & ~(jnp.asarray(growing) & is_full(state))
+        return _is_going(problem, wanted, state) & (state.steps < limit) & ~(jnp.asarray(growing) & is_full(state))
 
     start = varying(state, problem, wanted)
     return jax.lax.while_loop(going_on, lambda state: _step(problem, wanted, state), start)
@@ -210,27 +243,11 @@ def advance(
 def _step(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> ClosestState:
     capacity = state.lower.size
     taken, lower, axis = jax.tree_util.tree_map(lambda x: x[:WIDTH], (state.cell, state.lower, state.axis))
-    middle = 0.5 * (taken.low + taken.high)
-    cut = jnp.arange(taken.low.shape[-1]) == axis[:, None]
-    halves = Cell(
-        jnp.concatenate([taken.piece_a, taken.piece_a]),
-        jnp.concatenate([taken.piece_b, taken.piece_b]),
-        jnp.concatenate([taken.low, jnp.where(cut, middle, taken.low)]),
-        jnp.concatenate([jnp.where(cut, middle, taken.high), taken.high]),
-    )
-    before = jnp.concatenate([lower, lower])
+    halves, before = halves_of(taken, axis), jnp.concatenate([lower, lower])
     found = jax.vmap(problem.bound)(halves)
-    valid = jnp.isfinite(before)
-    upper = jnp.where(valid & (found.upper >= 0), found.upper, jnp.inf)
-    i = jnp.argmin(upper)
-    new = BestPair(upper[i], found.distance[i], halves.piece_a[i], halves.piece_b[i], found.x[i])
-    better = upper[i] < state.best.upper
-    best = BestPair(*(jnp.where(better, x, y) for x, y in zip(new, state.best, strict=True)))
-    # Where something overflowed nothing is known but what the whole cell had.
-    lowers = jnp.where(jnp.isnan(found.lower), before, jnp.maximum(found.lower, before))
-    lowers = jnp.where(valid, lowers, jnp.inf)
-    state = state._replace(best=best, steps=state.steps + 1, pairs=state.pairs + jnp.sum(valid))
-    closed = (lowers >= close_enough(problem, wanted, state)) | found.thin
+    best, lowers = raised(found, halves, before, state.best)
+    state = state._replace(best=best, steps=state.steps + 1, pairs=state.pairs + jnp.sum(jnp.isfinite(before)))
+    closed = (lowers >= close_enough(problem, wanted, best)) | found.thin
     settled = jnp.minimum(state.settled, jnp.min(jnp.where(closed, lowers, jnp.inf)))
     lowers = jnp.where(closed, jnp.inf, lowers)
     every = jnp.concatenate([lowers, jnp.where(np.arange(capacity) < WIDTH, jnp.inf, state.lower)])
@@ -251,33 +268,67 @@ def _step(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Close
     )
 
 
+def halves_of(taken: Cell, axis: Array) -> Cell:
+    """The first halves of cells, cut along an axis each, and then the second ones."""
+    xp: Any = module_of(axis)
+    middle = 0.5 * (taken.low + taken.high)
+    cut = np.arange(taken.low.shape[-1]) == axis[:, None]
+    return Cell(
+        xp.concatenate([taken.piece_a, taken.piece_a]),
+        xp.concatenate([taken.piece_b, taken.piece_b]),
+        xp.concatenate([taken.low, xp.where(cut, middle, taken.low)]),
+        xp.concatenate([xp.where(cut, middle, taken.high), taken.high]),
+    )
+
+
+def raised(found: PairBound, halves: Cell, before: Array, best: BestPair) -> tuple[BestPair, Array]:
+    """The nearest pair found so far, and lower bounds of halves that are not below those of the whole cells.
+
+    Args:
+        found: the bounds of the halves.
+        halves: the halves.
+        before: the lower bounds of the whole cells; infinite for a free place of a table.
+        best: the nearest pair before.
+    """
+    xp: Any = module_of(before)
+    valid = xp.isfinite(before)
+    upper = xp.where(valid & (found.upper >= 0), found.upper, xp.inf)
+    i = xp.argmin(upper)
+    new = BestPair(upper[i], found.distance[i], halves.piece_a[i], halves.piece_b[i], found.x[i])
+    better = upper[i] < best.upper
+    best = BestPair(*(xp.where(better, x, y) for x, y in zip(new, best, strict=True)))
+    # Where something overflowed nothing is known but what the whole cell had.
+    lowers = xp.where(xp.isnan(found.lower), before, xp.maximum(found.lower, before))
+    return best, xp.where(valid, lowers, xp.inf)
+
+
 def news_of(problem: PairProblem, wanted: WantedGap, state: ClosestState, growing: Array) -> Array:
     """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
-    going_on = is_open(problem, wanted, state) & ~is_hopeless(problem, wanted, state)
+    going_on = _is_going(problem, wanted, state)
     full = going_on & jnp.asarray(growing) & is_full(state)
     return jnp.stack([going_on, full, state.steps, jnp.sum(jnp.isfinite(state.lower))])
 
 
 def outcome(
-    wanted: WantedGap, state: ClosestState, best: BestPair, ends: tuple[Any, Any], points: tuple[Any, Any], floor: Any
+    wanted: WantedGap, reached: Reached, best: BestPair, ends: tuple[Any, Any], points: tuple[Any, Any], floor: Any
 ) -> Outcome:
     """The outcome of the search as it stands, with the bounds and nearest points, and what rounding leaves."""
     lower, upper = ends
     relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
     granted = jnp.maximum(jnp.maximum(wanted.atol, relative), jnp.where(wanted.given, 0.0, 2 * floor))
-    waiting = jnp.sum(jnp.isfinite(state.lower))
-    failed = result_where(waiting >= _FAMILY, RESULTS.nonisolated_maxima, RESULTS.gap_not_closed)
-    failed = result_where(state.lost, RESULTS.capacity_reached, failed)
+    many = reached.waiting >= _FAMILY
+    failed = result_where(many, RESULTS.nonisolated_maxima, RESULTS.gap_not_closed)
+    failed = result_where(reached.lost, RESULTS.capacity_reached, failed)
     failed = result_where(jnp.isfinite(upper), failed, RESULTS.existence_not_certified)
     result = result_where(upper - lower <= granted, RESULTS.successful, failed)
-    stats = {"steps": state.steps, "pairs": state.pairs, "waiting": waiting}
+    stats = {"steps": reached.steps, "pairs": reached.pairs, "waiting": reached.waiting}
     best = best._replace(distance=jnp.clip(best.distance, lower, upper))
     return Outcome(best, lower, upper, *points, result, stats)
 
 
 def in_one_go(
     begun: Callable[[Any], ClosestState],
-    ended: Callable[[Any, WantedGap, ClosestState], Outcome],
+    ended: Callable[[Any, WantedGap, Reached], Outcome],
     problem: PairProblem,
     wanted: WantedGap,
     max_steps: int,
@@ -285,7 +336,7 @@ def in_one_go(
     """All in one program; of a batch the searches run one after the other on a CPU, side by side elsewhere."""
 
     def search(problem: PairProblem, wanted: WantedGap) -> Outcome:
-        return ended(problem, wanted, advance(problem, wanted, begun(problem), max_steps))
+        return ended(problem, wanted, reached_by(advance(problem, wanted, begun(problem), max_steps)))
 
     if jax.default_backend() == "cpu":
         search = sequential_vmap(search)
@@ -305,6 +356,6 @@ def longer(state: ClosestState) -> ClosestState:
     return state._replace(lower=lower, cell=cell, axis=axis)
 
 
-def close_enough(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
+def close_enough(problem: PairProblem, wanted: WantedGap, best: BestPair) -> Array:
     """The bound from which on pairs cannot hold a distance smaller by more than the tolerance."""
-    return state.best.upper - _CLOSE * tolerance_of(problem, wanted, state)
+    return best.upper - _CLOSE * tolerance_of(problem, wanted, best)

@@ -13,7 +13,7 @@ from jaxtyping import Array
 
 from jhd._arithmetic.rounding import unit_roundoff
 from jhd._distance.cells.foot_maps import Triangles
-from jhd._distance.cells.graphs import beside_graph, control_points, graph_over, values_over
+from jhd._distance.cells.graphs import beside_graph, control_points, graph_over, values_on_graph
 from jhd._distance.cells.tracked_feet_nets import points_of_net
 from jhd._distance.cells.tracked_feet_surfaces import distance_to_surface
 from jhd._distance.nearest.forms import boxes, form
@@ -102,7 +102,9 @@ def _graphs(side: Side, count: Array, low: Array, high: Array) -> Any:
         cells = boxes(low.T, high.T)
         over = graph_over(form(side, cells), side, cells)
         points, off = control_points(over)
-        beside = (beside_graph(over.graph, over.on, values_over(over.on)) + off) * (1 + 8 * unit_roundoff(low.dtype))
+        beside = (beside_graph(over.graph, over.on, values_on_graph(over.on)) + off) * (
+            1 + 8 * unit_roundoff(low.dtype)
+        )
         points = jnp.moveaxis(points, -1, 0)
         good = jnp.isfinite(beside) & jnp.all(jnp.isfinite(points), axis=(1, 2, 3))
         return jnp.where(good[:, None, None, None], points, 0.0), jnp.where(good, beside, jnp.inf)

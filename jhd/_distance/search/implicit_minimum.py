@@ -27,14 +27,15 @@ from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._distance.search.closest import (
     ClosestState,
     Outcome,
+    Reached,
     WantedGap,
     advance,
     close_enough,
     in_one_go,
-    lower_of,
     news_of,
     outcome,
     pairs_of,
+    reached_by,
     room_for,
     table_of,
     wanted_gap,
@@ -45,7 +46,7 @@ from jhd._distance.search.pair_queue import PART, QueuedSearch
 from jhd._distance.search.search import AbstractSearch, Listener, drive
 from jhd._distance.search.surface_candidates import looked_at
 from jhd._distance.search.targets import usable
-from jhd._distance.search.two_phase_minimum import InTurn, with_feet
+from jhd._distance.search.two_phase_minimum import InTurn
 from jhd._distance.witness.mixed_derivatives import with_pair_derivatives
 from jhd._results.solution import RESULTS, MinimumSolution
 from jhd._runtime.arrays import is_tracing, undifferentiated
@@ -146,15 +147,22 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
         begun = partial(_begun, problem, np.asarray(pieces), capacity)
         if isinstance(net, Side):
             known = _isolated_pairs(problem)
-            task = task._replace(problem=known.problem)
+            task, problem = task._replace(problem=known.problem), known.problem
             begun = lambda: known.told(_begun(known.problem, np.asarray(pieces), capacity))  # noqa: E731
-        return InTurn(begun, partial(_stretch, task), partial(_stretch, task, following=True), method.max_steps)
+        return InTurn(
+            begun,
+            partial(_stretch, task),
+            partial(_with_room, problem),
+            partial(_sharp, task),
+            lambda reached: _shown(_with_room(problem, reached.best), task.wanted, reached),
+            task.wanted,
+        )
 
     def filled(start: int) -> ClosestState:
         return _filled(problem, pairs.part(start, PART), best, room)
 
     def closed(table: ClosestState) -> float:
-        return float(close_enough(_with_room(problem, table), task.wanted, table))
+        return float(close_enough(_with_room(problem, table.best), task.wanted, table.best))
 
     # The table is exchanged for the next pairs where it goes on no more, so it must not be given up.
     going = task._replace(wanted=task.wanted._replace(most=np.asarray(_ENDLESS)))
@@ -262,14 +270,14 @@ def _ends(side: Net | Side) -> tuple[Array, Array]:
     return jnp.zeros(parameters(side), side.points.dtype), jnp.ones(parameters(side), side.points.dtype)
 
 
-def _outcome(problem: WithSurface, wanted: WantedGap, state: ClosestState) -> Outcome:
-    best, n, dtype = state.best, parameters(problem.a), state.lower.dtype
+def _outcome(problem: WithSurface, wanted: WantedGap, reached: Reached) -> Outcome:
+    best, n, dtype = reached.best, parameters(problem.a), reached.lower.dtype
     point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
     best = best._replace(distance=jnp.where(jnp.isfinite(best.upper), length(point_a - point_b), jnp.inf))
     # What flushing of coordinates below the smallest normal number moves.
     flushed = 16 * smallest_normal(dtype)
-    lower, upper = jnp.maximum(lower_of(state) * (1 - gamma(6, dtype)) - flushed, 0.0), best.upper + flushed
-    return outcome(wanted, state, best, (lower, upper), (point_a, point_b), problem.floor)
+    lower, upper = jnp.maximum(reached.lower * (1 - gamma(6, dtype)) - flushed, 0.0), best.upper + flushed
+    return outcome(wanted, reached, best, (lower, upper), (point_a, point_b), problem.floor)
 
 
 def _point(side: Net | Side, k: Array, x: Array) -> Array:
@@ -293,27 +301,18 @@ _advanced = compiled(advance)
 
 
 def _stretch(
-    task: _SurfaceTask,
-    state: ClosestState,
-    limit: np.ndarray,
-    growing: np.ndarray,
-    waiting: Any = np.inf,
-    following: bool = False,
+    task: _SurfaceTask, state: ClosestState, limit: np.ndarray, growing: np.ndarray, waiting: Any = np.inf
 ) -> tuple[ClosestState, Outcome, Array]:
-    """Goes on for some steps, then makes the nearest points sharp; pairs with this bound wait beside the table.
-
-    With `following` bounds have feet that move with the place, which families of nearest pairs need.
-    """
+    """Goes on for some steps, then makes the nearest points sharp; pairs with this bound wait beside the table."""
     problem, wanted = task.problem, task.wanted
-    now = _with_room(problem, state)
-    state = _advanced(with_feet(now, state.best) if following else now, wanted, state, limit, growing)
+    state = _advanced(_with_room(problem, state.best), wanted, state, limit, growing)
     state = state._replace(best=_sharp(task, state.best))
     shown = state._replace(settled=jnp.minimum(state.settled, waiting))
-    return state, *_standing(_with_room(problem, state), wanted, shown, growing)
+    return state, *_standing(_with_room(problem, state.best), wanted, shown, growing)
 
 
-def _with_room(problem: WithSurface, state: ClosestState) -> WithSurface:
-    return problem._replace(room=_room(problem, state.best))
+def _with_room(problem: WithSurface, best: BestPair) -> WithSurface:
+    return problem._replace(room=_room(problem, best))
 
 
 @compiled
@@ -329,7 +328,10 @@ def _room(problem: WithSurface, best: BestPair) -> Array:
 @compiled
 def _standing(problem: WithSurface, wanted: WantedGap, state: ClosestState, growing: Array) -> tuple[Outcome, Array]:
     """The outcome as it stands, and how the search stands in four numbers."""
-    return _outcome(problem, wanted, state), news_of(problem, wanted, state, growing)
+    return _outcome(problem, wanted, reached_by(state)), news_of(problem, wanted, state, growing)
+
+
+_shown = compiled(_outcome)
 
 
 def _sharp(task: _SurfaceTask, best: BestPair) -> BestPair:

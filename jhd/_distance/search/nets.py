@@ -9,7 +9,6 @@ from jaxtyping import Array
 
 from jhd._arithmetic.rounding import gamma
 from jhd._distance.cells.pairs import Parametric
-from jhd._distance.cells.tracked_feet import WithMovingFeet
 from jhd._distance.normalization.coordinates import extremes
 from jhd._distance.normalization.net_jets import Net, jet, point_error
 from jhd._distance.normalization.nets import net_of, prepare_nets
@@ -17,19 +16,20 @@ from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._distance.search.closest import (
     ClosestState,
     Outcome,
+    Reached,
     WantedGap,
     advance,
     begin,
     in_one_go,
-    lower_of,
     news_of,
     outcome,
     pairs_of,
+    reached_by,
     room_for,
     wanted_gap,
 )
 from jhd._distance.search.search import Listener, drive
-from jhd._distance.search.two_phase_minimum import InTurn, with_feet
+from jhd._distance.search.two_phase_minimum import InTurn
 from jhd._distance.witness.mixed_derivatives import with_pair_derivatives
 from jhd._distance.witness.nets import polished
 from jhd._results.solution import MinimumSolution
@@ -52,7 +52,12 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -
         pairs, valid = _near_pairs(p, q, counts)
         begun = partial(_begun, problem, pairs, valid, room_for(len(pairs), method.queue_size))
         search = InTurn(
-            begun, partial(_stretch, problem, wanted), partial(_following, problem, wanted), method.max_steps
+            begun,
+            partial(_stretch, problem, wanted),
+            lambda best: problem,
+            lambda best: best,
+            partial(_shown, problem, wanted),
+            wanted,
         )
         found = drive(search, Listener(progress, frame))
     best = found.best
@@ -64,17 +69,17 @@ def _all_pairs(counts: tuple[int, int], capacity: int, problem: Parametric) -> C
     return begin(problem, jnp.asarray(pairs), jnp.ones(len(pairs), bool), room_for(len(pairs), capacity))
 
 
-def _outcome(problem: Parametric, wanted: WantedGap, state: ClosestState) -> Outcome:
+def _outcome(problem: Parametric, wanted: WantedGap, reached: Reached) -> Outcome:
     """Bounds and points of the search as it stands, the nearest pair polished."""
     a, b, error = problem
-    dtype, n = state.lower.dtype, a.parameters
-    best = polished(a, b, state.best)
+    dtype, n = reached.lower.dtype, a.parameters
+    best = polished(a, b, reached.best)
     points = jet(a.piece(best.piece_a), best.x[:n]).point, jet(b.piece(best.piece_b), best.x[n:]).point
     upper = best.distance * (1 + gamma(12, dtype)) + point_error(a) + point_error(b)
-    upper = jnp.minimum(upper, state.best.upper) * (1 + gamma(6, dtype)) + error
-    lower = jnp.maximum(lower_of(state) * (1 - gamma(6, dtype)) - error, 0.0)
+    upper = jnp.minimum(upper, reached.best.upper) * (1 + gamma(6, dtype)) + error
+    lower = jnp.maximum(reached.lower * (1 - gamma(6, dtype)) - error, 0.0)
     # The search closes pairs below the tolerance by more than the error of preparing.
-    return outcome(wanted, state, best, (jnp.minimum(lower, upper), upper), points, problem.floor + 2 * error)
+    return outcome(wanted, reached, best, (jnp.minimum(lower, upper), upper), points, problem.floor + 2 * error)
 
 
 _begun = compiled(begin, (3,))
@@ -82,19 +87,14 @@ _begun = compiled(begin, (3,))
 
 @compiled
 def _stretch(
-    problem: Parametric | WithMovingFeet, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
+    problem: Parametric, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
 ) -> tuple[ClosestState, Outcome, Array]:
     """Goes on for some steps, and says how the search stands, in four numbers."""
     state = advance(problem, wanted, state, limit, growing)
-    still: Any = problem.still if isinstance(problem, WithMovingFeet) else problem
-    return state, _outcome(still, wanted, state), news_of(problem, wanted, state, growing)
+    return state, _outcome(problem, wanted, reached_by(state)), news_of(problem, wanted, state, growing)
 
 
-def _following(
-    problem: Parametric, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
-) -> tuple[ClosestState, Outcome, Array]:
-    """The same with feet that move."""
-    return _stretch(with_feet(problem, state.best), wanted, state, limit, growing)
+_shown = compiled(_outcome)
 
 
 def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,13 +1,15 @@
 """A search for the minimum distance by two kinds of bounds: the second starts if the first does not soon close.
 
 The first kind closes most pairs. The second kind also closes non-isolated nearest pairs, but takes longer to compile
-and to compute. It has different cells, so it begins with a table of its own and with the distance that the first kind
-has found.
+and to compute; it starts after some hundred steps, or when the table of the first kind is full. It has different cells,
+so it begins with all pairs again and with the distance that the first kind has found. Its pairs wait on the host, which
+hands them to one compiled function in blocks: their number is not limited, and nothing is compiled again when it grows.
 """
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -16,85 +18,178 @@ from typing_extensions import override
 from jhd._arithmetic.polynomials import jets
 from jhd._distance.cells.implicit import parameters
 from jhd._distance.cells.lagrange import WithSurface
-from jhd._distance.cells.pairs import BestPair, Parametric
+from jhd._distance.cells.pairs import BestPair, Cell, PairBound, Parametric
 from jhd._distance.cells.tracked_feet import WithFeetOnFirst, WithMovingFeet
 from jhd._distance.normalization.net_jets import Net, jet
 from jhd._distance.normalization.surfaces import Side
-from jhd._distance.search.closest import ClosestState, longer, lower_of, may_grow
+from jhd._distance.search.closest import (
+    WIDTH,
+    ClosestState,
+    Outcome,
+    Reached,
+    WantedGap,
+    close_enough,
+    halves_of,
+    is_hopeless,
+    longer,
+    raised,
+    reached_by,
+)
+from jhd._distance.search.row_batches import each, in_blocks
 from jhd._distance.search.search import AbstractSearch, Standing
-from jhd._runtime.arrays import array_of
 from jhd._runtime.compiled import compiled
 
-# Steps of the first kind.
-_FIRST_TURN = 512
-# How often the table of the second kind is made longer at once: its program compiles for seconds for each length.
-_LONGER = 2
+# Steps of the first kind, and pairs in its longest table: it compiles for seconds for each length.
+_FIRST_TURN, _LONGEST = 512, 2048
+# Pairs that are cut at once; those that are bounded side by side.
+_TAKEN, _LANES = 256, 32
+# The power of the inverse of the gap like which the pairs of a family over a surface grow: bounds are short by the
+# eighth power of the size of the cells. They tell so well how many steps are left that twice as many are too many.
+_POWER, _TOO_MANY = 0.25, 2.0
 # Feet move on the first shape if the distance is bent along the second one by less than this share of what it is there.
 _FLATTER = 0.125
 
 
-class _Turn(NamedTuple):
-    """The table, and which kind it is of: 0 or 1."""
+class FollowedPairs(NamedTuple):
+    """The pairs of cells that wait, in NumPy's arrays, and what is known beside them; see ClosestState.
 
-    table: ClosestState
-    kind: int
+    Args:
+        kind: the shape on which feet move.
+        lower: the lower bounds of the pairs.
+        cell: the pairs.
+        axis: the parameter along which each is cut.
+        best: the nearest pair of points found.
+        settled: the least lower bound of the pairs that are closed.
+        steps: steps taken, of as many pairs as the first kind cuts in one.
+        pairs: pairs bounded.
+    """
+
+    kind: type[WithMovingFeet]
+    lower: np.ndarray
+    cell: Cell
+    axis: np.ndarray
+    best: BestPair
+    settled: Any
+    steps: int
+    pairs: int
+
+    def reached(self) -> Reached:
+        """What is proven and found."""
+        lower = np.minimum(np.minimum(np.min(self.lower, initial=np.inf), self.settled), self.best.upper)
+        counts = len(self.lower), False, self.steps, self.pairs
+        return Reached(self.best, *map(np.asarray, (lower, *counts)))  # pyright: ignore[reportArgumentType]
 
 
 class InTurn(AbstractSearch):
     """The search from the host.
 
     Args:
-        begun: makes the table in which it begins, with either kind of bounds.
-        first: goes on from a table until a limit of steps, growing or not; to the table, its outcome and `news_of`.
-        second: as `first`, with the other kind.
-        max_steps: most steps of both.
+        begun: makes the table in which the first kind begins.
+        stretch: goes on from a table until a limit of steps, growing or not; to the table, its outcome and `news_of`.
+        follow: the shapes as they are bounded about the nearest pair found.
+        sharper: that pair, or one that is proven to be nearer.
+        shown: the outcome of what the second kind has reached.
+        wanted: tolerances and the most steps of both.
     """
 
     first_steps = 64
 
     def __init__(
-        self, begun: Callable[[], ClosestState], first: Callable[..., Any], second: Callable[..., Any], max_steps: int
+        self,
+        begun: Callable[[], ClosestState],
+        stretch: Callable[..., Any],
+        follow: Callable[[BestPair], Any],
+        sharper: Callable[[BestPair], BestPair],
+        shown: Callable[[Reached], Outcome],
+        wanted: WantedGap,
     ):
-        self._begun, self._kinds, self.max_steps = begun, (first, second), max_steps
+        self._begun, self._stretch, self._shapes, self._sharper, self._shown = begun, stretch, follow, sharper, shown
+        self._wanted, self.max_steps = wanted, int(wanted.most)
 
     @override
-    def begin(self) -> _Turn:
-        return _Turn(self._begun(), 0)
+    def begin(self) -> ClosestState | FollowedPairs:
+        return self._begun()
 
     @override
-    def advance(self, state: _Turn, limit: int, growing: bool) -> tuple[_Turn, Standing]:
-        if state.kind == 0 and _FIRST_TURN <= int(state.table.steps) < limit:
-            state = _Turn(_told(self._second_table(), state.table), 1)
-        end = limit if state.kind else min(limit, _FIRST_TURN)
-        room = np.asarray(growing and may_grow(state.table))
-        table, found, news = self._kinds[state.kind](state.table, np.asarray(end), room)
-        return state._replace(table=table), Standing(found, *np.asarray(news))
+    def advance(
+        self, state: ClosestState | FollowedPairs, limit: int, growing: bool
+    ) -> tuple[ClosestState | FollowedPairs, Standing]:
+        if isinstance(state, ClosestState):
+            if not _FIRST_TURN <= int(state.steps) < limit:
+                state, found, news = self._stretch(state, np.asarray(min(limit, _FIRST_TURN)), np.asarray(growing))
+                return state, Standing(found, *np.asarray(news))
+            state = self._followed(state)
+        return self._follow(state, limit)
 
     @override
-    def longer(self, state: _Turn) -> _Turn:
-        return state._replace(table=longer(state.table))
+    def longer(self, state: ClosestState | FollowedPairs) -> ClosestState | FollowedPairs:
+        if isinstance(state, ClosestState):
+            return longer(state) if state.lower.size < _LONGEST else self._followed(state)
+        return state
 
-    def _second_table(self) -> ClosestState:
-        table = self._begun()
-        for _ in range(_LONGER):
-            table = longer(table)
-        return table
+    def _followed(self, before: ClosestState) -> FollowedPairs:
+        """All pairs again, none with a bound below what the first kind has proven."""
+        known, table = reached_by(before), jax.tree_util.tree_map(np.asarray, self._begun())
+        there = np.isfinite(table.lower)
+        best = known.best if known.best.upper < table.best.upper else table.best
+        kind = _with_feet(self._shapes(best), best)
+        cell = Cell(*(x[there] for x in table.cell))
+        lower, settled = (np.maximum(x, np.asarray(known.lower)) for x in (table.lower[there], table.settled))
+        best = jax.tree_util.tree_map(np.asarray, best)
+        return FollowedPairs(kind, lower, cell, table.axis[there], best, settled, int(known.steps), int(known.pairs))
+
+    def _follow(self, state: FollowedPairs, limit: int) -> tuple[FollowedPairs, Standing]:
+        problem = state.kind(self._shapes(state.best))
+        while going := self._is_going(problem, state):
+            if state.steps >= limit:
+                break
+            state = _cut(problem, self._wanted, state, min(_TAKEN, WIDTH * (limit - state.steps)))
+        state = state._replace(best=jax.tree_util.tree_map(np.asarray, self._sharper(state.best)))
+        return state, Standing(self._shown(state.reached()), going, False, state.steps, len(state.lower))
+
+    def _is_going(self, problem: WithMovingFeet, state: FollowedPairs) -> bool:
+        closed = close_enough(problem, self._wanted, state.best)
+        is_open = np.min(state.lower, initial=np.inf) < closed
+        return bool(is_open and not is_hopeless(problem, self._wanted, state.reached(), _POWER, _TOO_MANY))
 
 
-def _told(table: ClosestState, other: ClosestState) -> ClosestState:
-    """A table that goes on from where another one stands: no pair in it has a bound below what is known."""
-    known = np.asarray(lower_of(other))
-    lower = np.asarray(table.lower)
-    lower = array_of(np.where(np.isfinite(lower), np.maximum(lower, known), lower))
-    settled = array_of(np.maximum(np.asarray(table.settled), known))
-    best = other.best if other.best.upper < table.best.upper else table.best
-    return table._replace(lower=lower, settled=settled, best=best, steps=other.steps, pairs=other.pairs)
+def _cut(problem: WithMovingFeet, wanted: WantedGap, state: FollowedPairs, most: int) -> FollowedPairs:
+    """Cuts the pairs with the smallest bounds, `most` of them, in two and bounds the halves."""
+    order = np.argsort(state.lower, kind="stable")
+    taken, rest = order[:most], order[most:]
+    before = state.lower[taken]
+    taken = taken[before < float(close_enough(problem, wanted, state.best))]
+    lower, cell, axis = (jax.tree_util.tree_map(lambda x: x[taken], x) for x in (state.lower, state.cell, state.axis))
+    halves: Any = halves_of(cell, axis)
+    found: Any = PairBound(*jax.tree_util.tree_map(np.asarray, in_blocks(_bounds, problem, *halves)))
+    before: Any = np.concatenate([lower, lower])
+    best, lowers = raised(found, halves, before, state.best)
+    open_ = (lowers < float(close_enough(problem, wanted, best))) & ~found.thin
+
+    def merged(new: Any, old: Any) -> Any:
+        return np.concatenate([new[open_], old[rest]])
+
+    return state._replace(
+        lower=merged(lowers, state.lower),
+        cell=Cell(*(merged(x, y) for x, y in zip(found.cell, state.cell, strict=True))),
+        axis=merged(np.argmax(found.extent, axis=-1), state.axis),
+        best=best,
+        settled=np.minimum(state.settled, np.min(lowers[~open_], initial=np.inf)),
+        steps=state.steps + -(-len(taken) // WIDTH),
+        pairs=state.pairs + len(lowers),
+    )
 
 
-def with_feet(problem: Parametric | WithSurface, best: BestPair) -> WithMovingFeet:
+@compiled
+def _bounds(problem: WithMovingFeet, count: Array, *rows: Array) -> PairBound:
+    """Bounds over pairs of cells."""
+    return each(lambda *cell: problem.bound(Cell(*cell)), count, rows, _LANES)
+
+
+def _with_feet(problem: Parametric | WithSurface, best: BestPair) -> type[WithMovingFeet]:
     """Bounds with feet that move, on the shape from which the distance is bent more at the nearest pair."""
     of_a, of_b = np.asarray(_bends(problem, best))
-    return (WithFeetOnFirst if of_b < _FLATTER * of_a else WithMovingFeet)(problem)
+    return WithFeetOnFirst if of_b < _FLATTER * of_a else WithMovingFeet
 
 
 @compiled
