@@ -52,19 +52,19 @@ def test_sums_differences_and_products_hold_those_of_all_their_numbers(way):
 
 def test_the_least_eigenvalue_is_bounded_closely_if_a_matrix_is_singular():
     rng = np.random.default_rng(5)
-    bound = jax.jit(jax.vmap(balls.least_eigenvalue))
+    bound = jax.jit(jax.vmap(lambda mid, rad: balls.least_eigenvalue(Ball(mid, rad))))
     # Whole numbers: the products are exact, and so is the eigenvalue 0.
     rows = rng.integers(-8, 9, (COUNT, 6, 4)).astype(float)
     mid = rows @ rows.transpose(0, 2, 1)
-    found = bound(Ball(mid, 0 * mid))
+    found = bound(mid, 0 * mid)
     assert np.all((found <= 0) & (found > -1e-9))
     # Matrices of the ball whose eigenvalue is less than that of its middle.
     other = rng.normal(size=mid.shape)
     moved = other + other.transpose(0, 2, 1)
     least = np.linalg.eigvalsh(mid + moved)[:, 0]
-    found = bound(Ball(mid, np.abs(moved)))
+    found = bound(mid, np.abs(moved))
     assert np.all((found <= least + 1e-9) & np.isfinite(found))
-    assert bound(Ball(np.full((1, 6, 6), np.nan), 0 * mid[:1])) == -np.inf
+    assert bound(np.full((1, 6, 6), np.nan), 0 * mid[:1]) == -np.inf
 
 
 @pytest.mark.parametrize("way", WAYS)

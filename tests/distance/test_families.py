@@ -182,6 +182,27 @@ def test_all_points_of_a_curve_are_as_far_from_the_surface_about_it(curve, surfa
 
 
 @pytest.mark.exhaustive
+def test_a_farthest_place_that_is_as_near_to_a_whole_circle_closes():
+    # The distance falls from the top of the sphere on all sides, as it does beside a cone's apex.
+    found = jhd.directed_hausdorff(implicit("x**2 + y**2 + (z - 1)**2 - 0.25"), paraboloid())
+    assert_is(found, np.sqrt(1.25), 1e-9)
+    np.testing.assert_allclose(found.witness.point, [0, 0, 1.5], atol=1e-9)
+    assert int(found.stats["cells"]) < 10000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("a", "b", "exact"),
+    [("x**2 + y**2 + z**2 - 1", "x**2 + y**2 + z**2 - 1.5625", 0.25), ("x**2 + y**2 - 1", "x**2 + y**2 - 2.25", 0.5)],
+)
+def test_the_minimum_distance_of_quadrics_with_one_center_or_axis_closes_with_few_pairs(a, b, exact):
+    found = jhd.minimum_distance(implicit(a), implicit(b))
+    assert_is(found, exact, 1e-9)
+    # By second derivatives that must be positive definite it takes 50,000 or more.
+    assert int(found.stats["pairs"]) < 5000
+
+
+@pytest.mark.exhaustive
 def test_the_nearest_points_of_spheres_with_poles_are_given_up_with_steps_to_spare():
     found = jhd.minimum_distance(sphere(1.0), sphere(1.5), throw=False)
     assert name_of(found.result) == "nonisolated_maxima"
@@ -217,7 +238,7 @@ def over_rectangle(x, z, height):
 def test_a_family_of_farthest_places_ends_long_before_there_is_no_room(monkeypatch):
     monkeypatch.setattr(farthest_place, "_FAMILY", 1000)
     outer = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1.5625", [-2] * 3, [2] * 3)
-    found = jhd.directed_hausdorff(sphere(1.0), outer, jhd.BranchAndBound(max_steps=50), throw=False)
+    found = jhd.directed_hausdorff(sphere(1.0), outer, jhd.BranchAndBound(atol=1e-14, max_steps=50), throw=False)
     assert name_of(found.result) == "nonisolated_maxima"
     assert float(found.lower) <= 0.25 + EXACT and 0.25 - EXACT <= float(found.upper)
     # With steps to spare and far fewer cells than the search has room for.

@@ -124,6 +124,7 @@ NOT_COVERED = {
     ("_distance/cells/pairs.py", "bound", 5): _TWICE,
     ("_distance/cells/pairs.py", "newton_step", 1): _UNPROVEN,
     ("_distance/cells/signs.py", "sign_bounds", 3): _DECIDED,
+    ("_distance/cells/squared_distance_bounds.py", "_less_squares", 1): _HOST,
     ("_distance/cells/squared_distance_bounds.py", "distances_by_squares", 4): _HOST,
     ("_distance/cells/surfaces.py", "_spread", 1): _FREE,
     ("_distance/cells/weighted.py", "_of_cells", 1): _HOST,

@@ -4,6 +4,12 @@ With n = w (b - p), homogeneous, the squared distance along a piece is |n|^2 / w
 of the coefficients of |n|^2 and w^2. On a rational sphere, circle or torus seen from its center both are the same
 polynomial up to a factor, and nothing is lost, however large the part; near the center little is lost.
 
+Across a curve of nearest points the squared distance rises like a parabola. For any k and any sum of squares q,
+
+    |n|^2 / w^2 >= k + min_i (|n|^2 - k w^2 - q)_i / (w^2)_i,
+
+so with q about the parabola the bound is short by the third power of the size of the part, not by the second.
+
 Rounding, with r the largest |b - p| of the piece: restriction leaves off_by of n / r and of w, which are at most one;
 a coefficient of a square is a sum of as many products as the piece has coordinates of control points at most, with
 positive factors of a few roundings, whose sizes sum up to at most max |n_i|^2 / w_i^2 times that of w^2.
@@ -50,7 +56,9 @@ def distances_by_squares(
     ratios = np.where(weighed > 0, squares / np.where(weighed > 0, weighed, 1.0), 0.0)
     share = gamma(3 * rows[0, ..., 0].size + 32, np.float64)
     most = np.max(np.sum(n * n, axis=-1) / np.where(w > 0, w, np.inf)[..., 0] ** 2, axis=(1, 2))
-    root = np.sqrt(np.maximum(np.min(ratios, axis=(1, 2)) - 2 * share * most, 0.0))
+    bent, loose = _less_squares(squares, weighed)
+    square = np.fmax(np.min(ratios, axis=(1, 2)) - 2 * share * most, bent - 6 * share * most - loose)
+    root = np.sqrt(np.maximum(square, 0.0))
     room = share + off / least
     # Differences and their division by the size are off by two roundings, as that is.
     lost = 2 * math.sqrt(3) * (off + gamma(4, np.float64)) / least
@@ -59,6 +67,48 @@ def distances_by_squares(
     lower = np.maximum(lower - smallest_normal(np.float64), 0.0)
     moves = [np.max(np.abs(np.diff(ratios, axis=k)), axis=(1, 2), initial=0.0) for k in range(1, 1 + low.shape[1])]
     return np.where(good & np.isfinite(lower), lower, 0.0), np.argmax(moves, axis=0)
+
+
+def _less_squares(squares: np.ndarray, weighed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The bounds of quotients of polynomials less sums of squares, and what these may be off by; -inf for none."""
+    degrees = [k - 1 for k in squares.shape[1:]]
+    axes = [k for k, degree in enumerate(degrees) if degree > 1]
+    middle = tuple((0, degree // 2) for degree in degrees)
+    about = squares[:, middle[0][1], middle[1][1]] / np.where(weighed > 0, weighed, 1.0)[:, middle[0][1], middle[1][1]]
+    rest = squares - about[:, None, None] * weighed
+
+    def mean(*along: int) -> np.ndarray:
+        """A mean derivative over the part."""
+        found, factor = rest, 1.0
+        for axis in along:
+            factor *= found.shape[1 + axis] - 1
+            found = np.diff(found, axis=1 + axis)
+        return factor * np.mean(found, axis=(1, 2))
+
+    slope = np.stack([mean(k) for k in axes], axis=1)
+    bends, frame = np.linalg.eigh(np.stack([np.stack([mean(j, k) for k in axes], axis=1) for j in axes], axis=1))
+    rates = np.maximum(bends, 0.0)
+    along = np.einsum("nkj,nk->nj", frame, slope)
+    reach = 0.5 * np.sum(np.abs(frame), axis=1)
+    start = np.clip(-along / np.where(rates > 0, rates, np.inf), -reach, reach)
+    # Coefficients of the powers of x, the parameters from 0 to 1: those of each root are of (x - 1/2) - start.
+    root = np.sqrt(0.5 * rates)
+    linear = root[:, None] * frame
+    constant = -root * start - 0.5 * np.sum(linear, axis=1)
+    indices = [
+        np.arange(degree + 1).reshape(-1, 1) if k == 0 else np.arange(degree + 1) for k, degree in enumerate(degrees)
+    ]
+    q = np.sum(constant**2, axis=1)[:, None, None] * np.ones_like(rest)
+    for m, j in enumerate(axes):
+        x = indices[j] / degrees[j]
+        q += (2 * np.sum(constant * linear[:, m], axis=1))[:, None, None] * x
+        q += np.sum(linear[:, m] ** 2, axis=1)[:, None, None] * (x * (indices[j] - 1) / (degrees[j] - 1))
+        for n, k in enumerate(axes[:m]):
+            q += (2 * np.sum(linear[:, m] * linear[:, n], axis=1))[:, None, None] * (x * (indices[k] / degrees[k]))
+    found = about + np.min((rest - q) / np.where(weighed > 0, weighed, 1.0), axis=(1, 2))
+    size = np.sum((np.abs(constant) + np.sum(np.abs(linear), axis=1)) ** 2, axis=1)
+    loose = gamma(64, np.float64) * size / np.where(np.min(weighed, axis=(1, 2)) > 0, np.min(weighed, axis=(1, 2)), 1.0)
+    return np.where(np.isfinite(found), found, -np.inf), loose
 
 
 def _square(rows: np.ndarray) -> np.ndarray:

@@ -20,6 +20,10 @@ from jhd._runtime.arrays import joined
 _AS_FAR = 32
 # Feet of the farthest place that polishing may find besides those that are known.
 _MISSED = 2
+# A place is proven at any cost if its distance may be larger by so many times what bounds may be apart.
+_OPEN_PROOF = 16
+# How often a place is moved with all feet, as long as each time closes more than half of the gap.
+_TIMES = 8
 # Points are looked for around the place this far away, and count as nearest within this much; shares of the distance.
 _RING, _EQUAL = 1e-6, 1e-8
 # Of the latter the share that bounds of distances around the place may leave open.
@@ -71,6 +75,15 @@ class FartherPlaces:
             gap: what is open between the bounds.
             close: by how much bounds of its distance may be apart.
         """
+        for _ in range(_TIMES):
+            found = self._with_feet(best, gap, close)
+            gained = found.lower - best.lower
+            best, gap = found, gap - gained
+            if not gained > gap:
+                break
+        return best
+
+    def _with_feet(self, best: PlaceFound, gap: float, close: float) -> PlaceFound:
         places = self._about(best)
         if not places or best.lower <= 0 or not np.isfinite(gap):
             return best
@@ -78,11 +91,22 @@ class FartherPlaces:
         reach = _reach_of(best.point, best.foot, gap, self._rays(best)[1])
         for far in (reach, 0.0):
             feet, shares, _ = self.active(best, gap, far)
-            for place in places:
-                found = self._balanced(place, best, feet, shares, close)
-                if found is not best:
-                    return found
+            found = [self._first_balanced(places, best, feet, shares, close)]
+            if np.count_nonzero(shares) > 2:
+                # Along a curve of nearest points all feet would follow to one of them: they are left where they are.
+                fixed = [place._replace(shapes=(place.shapes[0], None)) for place in places]
+                found.append(self._first_balanced(fixed, best, feet, shares, close))
+            found = max(found, key=lambda place: place.distance)
+            if found is not best:
+                return found
         return best
+
+    def _first_balanced(
+        self, places: list[PlaceOnPiece], best: PlaceFound, feet: FootRows, shares: np.ndarray, close: float
+    ) -> PlaceFound:
+        """The first place that is farther with some feet."""
+        every = (self._balanced(place, best, feet, shares, close) for place in places)
+        return next((found for found in every if found is not best), best)
 
     def active(self, place: PlaceFound, gap: float, reach: float = 0.0) -> tuple[FootRows, np.ndarray, bool]:
         """The feet that count at a place, or within reach of it, their multipliers, and whether it lies on a border."""
@@ -126,6 +150,9 @@ class FartherPlaces:
             return None
         found, radius = self._source.proven(found, best.radius)
         there = self._target.nearest(found.point[None], close=close, hasty=True)
+        if there.lower[0] < there.distance[0] - close and there.distance[0] > best.lower + _OPEN_PROOF * close:
+            # It may have many nearest points.
+            there = self._target.nearest(found.point[None], close=close)
         lower, foot = (float(there.lower[0]) - radius) * (1 - 4e-16), self._target.rows_of(there)
         return PlaceFound(best.piece, found.x, found.point, foot, lower, float(there.distance[0]), radius)
 

@@ -179,7 +179,7 @@ class NetTarget(AbstractTarget):
         with np.errstate(over="ignore"):
             least = np.ldexp(np.broadcast_to(enough, len(points)), -unit) - self._moved_by(scaled)
             close = float(np.ldexp(close, -unit))
-        feet, lower, closed = self._searched(scaled, shift, least, close)
+        feet, lower, closed = self._searched(scaled, shift, least, close, hasty)
         return self._placed(feet, shift, lower, closed, scaled)
 
     def _placed(self, feet: _Feet, shift: int, lower: np.ndarray, closed: np.ndarray, scaled: np.ndarray) -> ProvenFeet:
@@ -278,7 +278,7 @@ class NetTarget(AbstractTarget):
         return about
 
     def _searched(
-        self, points: np.ndarray, shift: int, enough: np.ndarray, apart: float
+        self, points: np.ndarray, shift: int, enough: np.ndarray, apart: float, hasty: bool
     ) -> tuple[_Feet, np.ndarray, np.ndarray]:
         """The best feet, proven lower bounds, and whether these are close enough."""
         feet, dtype = self._near(points, shift), points.dtype
@@ -294,7 +294,7 @@ class NetTarget(AbstractTarget):
 
         about = self._settled_about(feet, points, net, goal(), settled)
         stack = [self._boxes.near(points, feet.upper, shift, about, goal())]
-        most = max(_MOST, _MOST_OF_ALL // max(1, len(np.unique(stack[0].who))))
+        most = _MOST if hasty else max(_MOST, _MOST_OF_ALL // max(1, len(np.unique(stack[0].who))))
         while stack:
             cells = stack.pop()
             stop = cells.lower >= goal()[cells.who]

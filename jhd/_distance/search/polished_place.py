@@ -103,14 +103,17 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
         found = _followed(shapes, piece, (x + steps).astype(dtype), feet)
         gradient, (ahead, behind) = found.gradient[0], np.split(found.gradient[1:], 2)
         x, along = _held(shapes[0], x, shares @ gradient, np.max(np.abs(gradient), initial=0.0))
-        if along.shape[1] < len(used) - 1:
-            return None
+        if along.shape[1] < len(shares) - 1:
+            if not along.shape[1]:
+                return None
+            kept, shares = _basic(gradient @ along, shares)
+            return polished(place, feet.take(kept), shares)
         if not along.shape[1]:
             break
         bent = along.T @ np.einsum("ikn,k->in", ahead - behind, shares) @ along / (2 * _STEP)
         step, shares = _newton(0.5 * (bent + bent.T), gradient @ along, found.distance[0])
         step = along @ step
-        if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > _LONGEST:
+        if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > (_LONGEST if shapes[1] is not None else 1.0):
             return None
         # A side that is met holds the place from the next step on, if it still would leave.
         x = _within(shapes[0], x + step)
@@ -118,6 +121,20 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
             break
     x = x.astype(dtype)
     return SharpenedPlace(x, _followed(shapes, piece, x[None], feet).point[0, 0])
+
+
+def _basic(slopes: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One more of some feet than there are directions, and multipliers with the same sum of slopes (Caratheodory)."""
+    kept = np.arange(len(shares))
+    while len(kept) > slopes.shape[1] + 1:
+        # Multipliers move along it, until the first is zero, and the sum stays.
+        null = np.linalg.svd(np.vstack([slopes[kept].T, np.ones(len(kept))]))[2][-1]
+        null = null if np.max(null) >= -np.min(null) else -null
+        room = np.where(null > 0, shares / np.where(null > 0, null, 1.0), np.inf)
+        k = int(np.argmin(room))
+        shares = np.delete(shares - room[k] * null, k)
+        kept = np.delete(kept, k)
+    return kept, shares
 
 
 def _newton(bent: np.ndarray, slopes: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

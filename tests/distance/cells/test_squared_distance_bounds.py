@@ -12,7 +12,7 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.nets import net_of
 from jhd._distance.search import on_patches
 from jhd._distance.search.on_patches import NetTarget
-from tests.distance.test_families import cylinder, revolved, sphere, torus
+from tests.distance.test_families import cylinder, paraboloid, revolved, sphere, torus
 from tests.sweeps import swept
 
 GRID = np.linspace(0.0, 1.0, 33)
@@ -50,6 +50,21 @@ def test_bounds_are_below_dense_samples_and_near_them_on_small_parts(shape, rati
             near = sampled(points[0], weights[0], low[k], low[k] + size, place)
             assert 0 <= found[k] <= near * (1 + 1e-12) + 1e-12
             assert size > 0.1 or ratio > 100 or found[k] >= near * 0.99 - 0.01
+
+
+def test_across_a_curve_of_nearest_points_bounds_are_short_by_the_third_power_of_the_size():
+    # From (0, 0, 3/2) a circle of z = x^2 + y^2 is nearest, which crosses the cells at all angles.
+    net, place = net_of(paraboloid()), np.array([0, 0, 1.5])
+    angles = np.random.default_rng(2).uniform(0, 2 * np.pi, 40)
+    middle = 0.5 + 0.5 * 0.999 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    short = []
+    for half in (2.0**-7, 2.0**-9):
+        low, high = np.clip(middle - half, 0, 1), np.clip(middle + half, 0, 1)
+        found = distances_by_squares(net, np.tile(place, (40, 1)), np.zeros(40, int), low, high)[0]
+        assert np.all(found <= np.sqrt(1.25))
+        short.append(np.max(np.sqrt(1.25) - found))
+    # By the second power it would be a sixteenth.
+    assert short[0] < 1e-4 and short[1] < short[0] / 40
 
 
 def test_nothing_is_above_the_distance_of_a_corner_in_rational_numbers():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jhd._distance.search.polished_place import _newton
+from jhd._distance.search.polished_place import _basic, _newton
 
 
 def test_a_step_makes_distances_equal_where_the_slopes_are_opposite():
@@ -11,6 +11,15 @@ def test_a_step_makes_distances_equal_where_the_slopes_are_opposite():
     step, shares = _newton(np.zeros((1, 1)), np.array([[1.0], [-1.0]]), np.array([1.0, 1.5]))
     np.testing.assert_allclose(step, [0.25], rtol=1e-14)
     np.testing.assert_allclose(shares, [0.5, 0.5], rtol=1e-14)
+
+
+def test_one_more_foot_than_directions_balances_as_all_of_them_do():
+    rng = np.random.default_rng(1)
+    slopes = rng.normal(size=(4, 2))
+    slopes[3] = -np.sum(slopes[:3], axis=0)
+    kept, shares = _basic(slopes, np.full(4, 0.25))
+    assert len(kept) == 3 and np.all(shares >= 0)
+    np.testing.assert_allclose([*(shares @ slopes[kept]), np.sum(shares)], [0, 0, 1], atol=1e-14)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

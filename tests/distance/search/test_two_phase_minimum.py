@@ -31,7 +31,7 @@ def bounds(shapes, count, piece_a, piece_b, low, high):
     width = high[:, 0] - low[:, 0]
     upper: Any = np.full(len(width), FOUND + 1)
     thin: Any = np.zeros(len(width), bool)
-    extent = np.stack([width, np.full(len(width), -1.0)], axis=1)
+    extent: Any = np.stack([width, np.full(len(width), -1.0)], axis=1)
     return PairBound(FOUND - width**2, upper, upper, low, Cell(piece_a, piece_b, low, high), extent, thin)
 
 
