@@ -26,7 +26,7 @@ from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.trivariate import bernstein_conversion
 from jhd._runtime.arrays import varying
 
-# The degree at which polynomials are cut off.
+# The degree at which polynomials are cut off. Of concentric spheres, 7 takes a third of the time of 5.
 DEGREE = 7
 # Exponents of the terms, by degree.
 EXPONENTS = sorted(((i, j) for i, j in cartesian(range(DEGREE + 1), repeat=2) if i + j <= DEGREE), key=sum)
@@ -84,7 +84,7 @@ def _rest_of_product(x: Truncated, y: Truncated) -> Array:
 
 def _known(rest: Array) -> Array:
     """The rest with what is flushed, and infinite where something unknown is taken no times."""
-    return jnp.where(jnp.isnan(rest), jnp.inf, rest + 16 * smallest_normal(rest.dtype))
+    return jnp.where(jnp.isnan(rest), jnp.inf, rest + 4 * _COUNT**2 * smallest_normal(rest.dtype))
 
 
 def _sizes(x: Truncated) -> Array:
@@ -110,7 +110,7 @@ def scaled(x: Truncated, factor: Array | float) -> Truncated:
 def reciprocal(x: Truncated) -> Truncated:
     """One over functions; what they are off by is infinite where they may vanish.
 
-    With m the first term and d = x / m - 1 it is (1 - d + .. - d^5 + d^6 / (1 + d)) / m.
+    With m the first term and d = x / m - 1 it is (1 - d + .. - d^7 + d^8 / (1 + d)) / m.
     """
     dtype = x.terms.dtype
     middle = x.terms[0]
@@ -207,7 +207,7 @@ def _monomials(shape: tuple[int, ...]) -> _Monomials:
 
 
 def composed_on_graph(form: Array, height: Truncated, loose: Array | float) -> Truncated:
-    """The polynomial of s^i t^j z^k, form (i, j, k, ...), at functions z of absolute value at most one.
+    """The polynomial of s^i t^j z^k, form (i, j, k, ...), at s, t and functions z of absolute value at most one.
 
     It takes as many products as the powers of z, where `composed` takes one for every monomial.
 

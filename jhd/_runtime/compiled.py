@@ -337,7 +337,8 @@ def _is_usual(x: Any, home: Any, alone: bool) -> bool:
 
 def _like(x: Any) -> jax.ShapeDtypeStruct:
     kind = jax.typeof(x)
-    # A loop gives an integer back that is weakly typed no more, which is not to be another program.
+    # A loop gives an integer back that is weakly typed no more, which is not to be another program. So functions must
+    # not depend on weak integers being weak, as beside narrower ones.
     weak = kind.weak_type and not (isinstance(x, jax.Array) and kind.dtype.kind in "iu")
     return jax.ShapeDtypeStruct(kind.shape, kind.dtype, weak_type=weak)
 

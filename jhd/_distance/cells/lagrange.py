@@ -7,11 +7,12 @@ numbers l_k and r_k >= 0 are. So over a cell
     F >= L(z) + sum g_i (x_i - z_i) + (1/2) sum h_ij (x_i - z_i) (x_j - z_j)
 
 with the gradient g of L at any z and the second derivatives h over the cell. The last sum is left out if h is proven
-positive semidefinite, else bounded term by term. At a point z that solves the Lagrange system within the cell, with the
-sides of the cell as constraints, this is a bound of second order, exact if L is convex. The terms in r_k make L convex
-across the surfaces if the minimum is strict along them. The same holds for n.(p - q) - sum l_k f_k with a fixed unit
-vector n. A cell is excluded if a polynomial has no zero in it, or if p - q is proven not to be parallel to the gradient
-of f in a cell away from the faces of its box.
+positive semidefinite, else bounded term by term or by the least eigenvalue of h. Without the terms in r_k the second
+derivatives of quadrics are constant, so an eigenvalue that is zero along equally near points costs nothing. At a point
+z that solves the Lagrange system within the cell, with the sides of the cell as constraints, this is a bound of second
+order, exact if L is convex. The terms in r_k make L convex across the surfaces if the minimum is strict along them. The
+same holds for n.(p - q) - sum l_k f_k with a fixed unit vector n. A cell is excluded if a polynomial has no zero in it,
+or if p - q is proven not to be parallel to the gradient of f in a cell away from the faces of its box.
 
 A distance is proven by points near the computed ones: f changes its sign, rounding included, along a short segment.
 

@@ -10,9 +10,18 @@ Across a curve of nearest points the squared distance rises like a parabola. For
 
 so with q about the parabola the bound is short by the third power of the size of the part, not by the second.
 
+Across a curve of nearest points the squared distance rises like a parabola. For any k and any sum of squares q
+
+    |n|^2 / w^2 >= k + min_i (|n|^2 - k w^2 - q)_i / (w^2)_i,
+
+so with q close to the parabola the bound is short by the third power of the size of the part, not by the second.
+
 Rounding, with r the largest |b - p| of the piece: restriction leaves off_by of n / r and of w, which are at most one;
 a coefficient of a square is a sum of as many products as the piece has coordinates of control points at most, with
-positive factors of a few roundings, whose sizes sum up to at most max |n_i|^2 / w_i^2 times that of w^2.
+positive factors of a few roundings, whose sizes sum up to at most max |n_i|^2 / w_i^2 times that of w^2. As k is a
+quotient of two coefficients, that holds of k w^2 and of the difference too. The linear functions of q are their
+floating-point coefficients; a coefficient of their squares is a sum of six products. Where one is large beside the
+others the bound is negative.
 
 Source: the hull property as in Farouki & Rajan, CAGD 5 (1988).
 """
@@ -73,6 +82,8 @@ def _less_squares(squares: np.ndarray, weighed: np.ndarray) -> tuple[np.ndarray,
     """The bounds of quotients of polynomials less sums of squares, and what these may be off by; -inf for none."""
     degrees = [k - 1 for k in squares.shape[1:]]
     axes = [k for k, degree in enumerate(degrees) if degree > 1]
+    if not axes:
+        return np.full(len(squares), -np.inf), np.zeros(len(squares))
     middle = tuple((0, degree // 2) for degree in degrees)
     about = squares[:, middle[0][1], middle[1][1]] / np.where(weighed > 0, weighed, 1.0)[:, middle[0][1], middle[1][1]]
     rest = squares - about[:, None, None] * weighed

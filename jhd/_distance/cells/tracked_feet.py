@@ -1,7 +1,7 @@
 """Proven lower bounds of the distance over pairs of cells, by feet on one shape that move with the point on the other.
 
-The points of a cell of a are within `beside` of polynomials P(u) in two variables, up to a rest of the sixth order: the
-polynomials of a parametric shape (jhd._distance.cells.tracked_feet_nets), or the graph near an implicit surface
+The points of a cell of a are within `beside` of polynomials P(u) in two variables, up to a rest of the eighth order:
+the polynomials of a parametric shape (jhd._distance.cells.tracked_feet_nets), or the graph near an implicit surface
 (jhd._distance.cells.tracked_feet_surfaces). Each P has a polynomial Q(u) that passes approximately through its feet on
 b. With a function L that is |P - q|^2 on b and convex in q, the distance of P from a cell of b is bounded by the value
 at Q and by the derivatives there (jhd._distance.cells.tracked_feet_minimum). So
@@ -9,8 +9,8 @@ at Q and by the derivatives there (jhd._distance.cells.tracked_feet_minimum). So
     |p - q| >= sqrt(least square) - beside
 
 for all p of a and q of b in the cells, for parametric shapes and implicit surfaces in any combination. If the distance
-is constant along a, the bound is short by the sixth order of the size of the cell of a, wherever the cell lies, and the
-cell of b may be as large as L is convex: the number of pairs grows like the third root of the inverse of the gap.
+is constant along a, the bound is short by the eighth order of the size of the cell of a, wherever the cell lies, and
+the cell of b may be as large as L is convex: the number of pairs grows like the fourth root of the inverse of the gap.
 
 Source: ours.
 """

@@ -9,7 +9,7 @@ so L is bounded by the least value of the first term over u, and of each of the 
 of x_i - Q_i.
 
 The distance of Q from the foot enters through R, and so counts squared. With h the size of the cell of a, the bound is
-short by h^6 if the distance is constant along a: the cell of b may be as large as L is convex.
+short by h^8 if the distance is constant along a: the cell of b may be as large as L is convex.
 
 Source: ours.
 """

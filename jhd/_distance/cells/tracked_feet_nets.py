@@ -1,6 +1,6 @@
 """Parametric shapes in lower bounds by feet that move with the point (jhd._distance.cells.tracked_feet).
 
-Over a cell of a parametric shape its point is a polynomial of degree 5, up to a rest of the sixth order
+Over a cell of a parametric shape its point is a polynomial of degree 7, up to a rest of the eighth order
 (jhd._arithmetic.truncated). With feet on such a shape b, let P(u) be the moving point and Q(u) polynomials for the
 parameters, approximately through the feet of some points. If the second derivatives of |P(u) - b(x)|^2 in x are at
 least 2 diag(k) > 0 for all u of the cell and all x of a box E that holds the cell of b and Q, the squared distance is
@@ -87,7 +87,7 @@ def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: 
     begin, end = _box(q, low, high)
     half = 0.5 * (end - begin)
     q = q.at[0].add(-0.5 * (begin + end)) / half
-    inside = jnp.all(jnp.sum(jnp.abs(q), axis=0) * (1 + gamma(32, dtype)) <= 1)
+    inside = jnp.all(jnp.sum(jnp.abs(q), axis=0) * (1 + gamma(64, dtype)) <= 1)
     of_b = _derivatives(_powers(_part(piece, begin, end)), m, 2)
     there = _quotients(_along(of_b, q), rational, m)
     over = _quotients(_direct(of_b), rational, m)
@@ -286,7 +286,7 @@ def _convexity(on_a: Truncated, over: _Moved, squares: Array) -> Array:
     # The middle of a, what it moves by along a plane, and the rest.
     plane = on_a.terms[:3].T[:, None]
     parts = _sum(scaled(second, plane))
-    around = Truncated(on_a.terms.at[:3].set(0.0), on_a.rest).size * (1 + gamma(32, dtype))
+    around = Truncated(on_a.terms.at[:3].set(0.0), on_a.rest).size * (1 + gamma(64, dtype))
     loose = jnp.sum(around[:, None] * over.second.size, axis=0) + jnp.sum(_sizes(parts)[:, 1:], axis=-1)
     loose = loose * (1 + gamma(64, dtype))
     h = added(

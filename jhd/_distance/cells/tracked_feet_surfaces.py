@@ -16,7 +16,7 @@ squared. With h the size of the cell, the bound
 
     min (|P - Q|^2 + v g(Q)) - sum max R_i^2 / 4 m
 
-is short by h^6 where the distance is constant along a: no cell of b has to be small, and of a only few. Where the
+is short by h^8 where the distance is constant along a: no cell of b has to be small, and of a only few. Where the
 distance is not constant a square (w.(s, t) - c)^2 is taken off before the minimum is bounded by Bernstein coefficients:
 that the parabola which the distance follows is more than none.
 

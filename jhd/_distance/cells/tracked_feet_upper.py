@@ -98,7 +98,7 @@ class Ranges(NamedTuple):
 def piece_about(b: Side, q: Array) -> tuple[Ranges, OnPiece]:
     """Where Q is, with room to move, and b there."""
     dtype = q.dtype
-    center, reach = q[0], jnp.sum(jnp.abs(q[1:]), axis=0) * (1 + gamma(32, dtype))
+    center, reach = q[0], jnp.sum(jnp.abs(q[1:]), axis=0) * (1 + gamma(64, dtype))
     least = jnp.maximum(_LEAST * jnp.max(reach, axis=0), gamma(2**16, dtype))
     half = jnp.maximum(_WIDER * reach, reach + least)
     cells = Boxes(center - half, center + half, center, half)

@@ -38,7 +38,7 @@ _CLOSE = 0.9
 # So many pairs left when a search ends belong to a family of nearest pairs.
 _FAMILY = 400
 # Half the steps are taken, and so many at least, before a search may be given up; the steps that it seems to need are
-# then so many times those left. Minima that close by bounds with moving feet need up to twice those left.
+# then so many times those left.
 _LATE, _HOPELESS = 1024, 8
 
 
@@ -203,8 +203,8 @@ def is_hopeless(
 ) -> Array:
     """Whether a family of nearest pairs needs far more steps than are left.
 
-    The number of its pairs grows at least like the root of the inverse of the gap: over a curve of them the bounds are
-    of second order in the size of the cells.
+    The number of its pairs grows like a power of the inverse of the gap, at least like the root if the bounds are of
+    second order in the size of the cells: that is so over a curve of them.
 
     Args:
         problem: the pair of shapes.
@@ -268,7 +268,7 @@ def _step(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Close
     )
 
 
-def halves_of(taken: Cell, axis: Array) -> Cell:
+def halves_of(taken: Cell, axis: Any) -> Cell:
     """The first halves of cells, cut along an axis each, and then the second ones."""
     xp: Any = module_of(axis)
     middle = 0.5 * (taken.low + taken.high)
@@ -281,7 +281,7 @@ def halves_of(taken: Cell, axis: Array) -> Cell:
     )
 
 
-def raised(found: PairBound, halves: Cell, before: Array, best: BestPair) -> tuple[BestPair, Array]:
+def raised(found: PairBound, halves: Cell, before: Any, best: BestPair) -> tuple[BestPair, Any]:
     """The nearest pair found so far, and lower bounds of halves that are not below those of the whole cells.
 
     Args:

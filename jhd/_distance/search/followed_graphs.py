@@ -96,7 +96,7 @@ def _parameters(points: np.ndarray, low: np.ndarray, high: np.ndarray, place: np
 
 @compiled
 def _graphs(side: Side, count: Array, low: Array, high: Array) -> Any:
-    """Control points (cells, 6, 6, 3) of graphs, and how far the surface is from them at most."""
+    """Control points (cells, degree + 1, degree + 1, 3) of graphs, and how far the surface is from them at most."""
 
     def group(low: Array, high: Array) -> tuple[Array, Array]:
         cells = boxes(low.T, high.T)
@@ -126,7 +126,7 @@ class FollowedOnSurface:
     def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
         """Proven upper bounds of the distances of all points in cells; see jhd._distance.cells.tracked_feet_surfaces.
 
-        They are off by the sixth order of the size of a cell if the distance is constant. They cost much, and are
+        They are off by the eighth order of the size of a cell if the distance is constant. They cost much, and are
         infinite unless there are many cells of each piece.
         """
         if len(cells.piece) < max(_MANY, _OF_EACH * len(np.unique(cells.piece))):

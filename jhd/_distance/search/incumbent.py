@@ -78,7 +78,7 @@ class FartherPlaces:
         for _ in range(_TIMES):
             found = self._with_feet(best, gap, close)
             gained = found.lower - best.lower
-            best, gap = found, gap - gained
+            best, gap = found, max(gap - gained, 0.0)
             if not gained > gap:
                 break
         return best
@@ -91,12 +91,14 @@ class FartherPlaces:
         reach = _reach_of(best.point, best.foot, gap, self._rays(best)[1])
         for far in (reach, 0.0):
             feet, shares, _ = self.active(best, gap, far)
-            found = [self._first_balanced(places, best, feet, shares, close)]
-            if np.count_nonzero(shares) > 2:
-                # Along a curve of nearest points all feet would follow to one of them: they are left where they are.
+            found = self._first_balanced(places, best, feet, shares, close)
+            left = gap - (found.lower - best.lower)
+            if left > _OPEN_PROOF * close and np.count_nonzero(shares) > 2 and places[0].shapes[1] is not None:
+                # Along a curve of nearest points all feet follow to one of them: they are left where they are.
                 fixed = [place._replace(shapes=(place.shapes[0], None)) for place in places]
-                found.append(self._first_balanced(fixed, best, feet, shares, close))
-            found = max(found, key=lambda place: place.distance)
+                other = self._first_balanced(fixed, best, feet, shares, close)
+                if other.distance > found.distance:
+                    found = other._replace(lower=max(other.lower, found.lower))
             if found is not best:
                 return found
         return best

@@ -181,7 +181,7 @@ class SurfaceTarget(AbstractTarget):
     def _by_graphs(self, point: np.ndarray, upper: float, close: float) -> float:
         """A lower bound of the distance of a query of which a whole curve or region may be nearest.
 
-        Cells that are crossed in one sheet are bounded by their graphs, to the sixth order of their size.
+        Cells that are crossed in one sheet are bounded by their graphs, to the eighth order of their size.
 
         Args:
             point: the query.

@@ -104,7 +104,7 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
         gradient, (ahead, behind) = found.gradient[0], np.split(found.gradient[1:], 2)
         x, along = _held(shapes[0], x, shares @ gradient, np.max(np.abs(gradient), initial=0.0))
         if along.shape[1] < len(shares) - 1:
-            if not along.shape[1]:
+            if not along.shape[1] or not np.all(np.isfinite(gradient)):
                 return None
             kept, shares = _basic(gradient @ along, shares)
             return polished(place, feet.take(kept), shares)
@@ -113,7 +113,9 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
         bent = along.T @ np.einsum("ikn,k->in", ahead - behind, shares) @ along / (2 * _STEP)
         step, shares = _newton(0.5 * (bent + bent.T), gradient @ along, found.distance[0])
         step = along @ step
-        if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > (_LONGEST if shapes[1] is not None else 1.0):
+        # Feet that stay where they are cannot be lost.
+        longest = 1.0 if shapes[1] is None else _LONGEST
+        if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > longest:
             return None
         # A side that is met holds the place from the next step on, if it still would leave.
         x = _within(shapes[0], x + step)

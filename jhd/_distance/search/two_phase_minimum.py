@@ -30,6 +30,7 @@ from jhd._distance.search.closest import (
     WantedGap,
     close_enough,
     halves_of,
+    is_full,
     is_hopeless,
     longer,
     raised,
@@ -115,7 +116,8 @@ class InTurn(AbstractSearch):
         self, state: ClosestState | FollowedPairs, limit: int, growing: bool
     ) -> tuple[ClosestState | FollowedPairs, Standing]:
         if isinstance(state, ClosestState):
-            if not _FIRST_TURN <= int(state.steps) < limit:
+            steps, full = int(state.steps), state.lower.size >= _LONGEST and bool(is_full(state))
+            if not ((full or steps >= _FIRST_TURN) and steps < limit):
                 state, found, news = self._stretch(state, np.asarray(min(limit, _FIRST_TURN)), np.asarray(growing))
                 return state, Standing(found, *np.asarray(news))
             state = self._followed(state)
@@ -123,9 +125,7 @@ class InTurn(AbstractSearch):
 
     @override
     def longer(self, state: ClosestState | FollowedPairs) -> ClosestState | FollowedPairs:
-        if isinstance(state, ClosestState):
-            return longer(state) if state.lower.size < _LONGEST else self._followed(state)
-        return state
+        return longer(state) if isinstance(state, ClosestState) and state.lower.size < _LONGEST else state
 
     def _followed(self, before: ClosestState) -> FollowedPairs:
         """All pairs again, none with a bound below what the first kind has proven."""
@@ -155,10 +155,11 @@ class InTurn(AbstractSearch):
 
 def _cut(problem: WithMovingFeet, wanted: WantedGap, state: FollowedPairs, most: int) -> FollowedPairs:
     """Cuts the pairs with the smallest bounds, `most` of them, in two and bounds the halves."""
-    order = np.argsort(state.lower, kind="stable")
+    # What is closed since the best pair is nearer waits no more, and its bound counts.
+    still = state.lower < float(close_enough(problem, wanted, state.best))
+    settled = np.minimum(state.settled, np.min(state.lower[~still], initial=np.inf))
+    order = np.flatnonzero(still)[np.argsort(state.lower[still], kind="stable")]
     taken, rest = order[:most], order[most:]
-    before = state.lower[taken]
-    taken = taken[before < float(close_enough(problem, wanted, state.best))]
     lower, cell, axis = (jax.tree_util.tree_map(lambda x: x[taken], x) for x in (state.lower, state.cell, state.axis))
     halves: Any = halves_of(cell, axis)
     found: Any = PairBound(*jax.tree_util.tree_map(np.asarray, in_blocks(_bounds, problem, *halves)))
@@ -174,7 +175,7 @@ def _cut(problem: WithMovingFeet, wanted: WantedGap, state: FollowedPairs, most:
         cell=Cell(*(merged(x, y) for x, y in zip(found.cell, state.cell, strict=True))),
         axis=merged(np.argmax(found.extent, axis=-1), state.axis),
         best=best,
-        settled=np.minimum(state.settled, np.min(lowers[~open_], initial=np.inf)),
+        settled=np.minimum(settled, np.min(lowers[~open_], initial=np.inf)),
         steps=state.steps + -(-len(taken) // WIDTH),
         pairs=state.pairs + len(lowers),
     )
