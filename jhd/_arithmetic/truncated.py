@@ -26,7 +26,8 @@ from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.trivariate import bernstein_conversion
 from jhd._runtime.arrays import varying
 
-# The degree at which polynomials are cut off. Of concentric spheres, 7 takes a third of the time of 5.
+# The degree at which polynomials are cut off. With 7 feet that move close concentric spheres in a third of the time that
+# they take with 5.
 DEGREE = 7
 # Exponents of the terms, by degree.
 EXPONENTS = sorted(((i, j) for i, j in cartesian(range(DEGREE + 1), repeat=2) if i + j <= DEGREE), key=sum)
@@ -169,6 +170,7 @@ def composed(form: Array, variables: Truncated) -> Truncated:
 
 
 def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Terms and rests of functions side by side."""
     terms, rests = zip(*parts, strict=True)
     return jnp.concatenate(terms), jnp.concatenate(rests)
 

@@ -4,12 +4,6 @@ With n = w (b - p), homogeneous, the squared distance along a piece is |n|^2 / w
 of the coefficients of |n|^2 and w^2. On a rational sphere, circle or torus seen from its center both are the same
 polynomial up to a factor, and nothing is lost, however large the part; near the center little is lost.
 
-Across a curve of nearest points the squared distance rises like a parabola. For any k and any sum of squares q,
-
-    |n|^2 / w^2 >= k + min_i (|n|^2 - k w^2 - q)_i / (w^2)_i,
-
-so with q about the parabola the bound is short by the third power of the size of the part, not by the second.
-
 Across a curve of nearest points the squared distance rises like a parabola. For any k and any sum of squares q
 
     |n|^2 / w^2 >= k + min_i (|n|^2 - k w^2 - q)_i / (w^2)_i,
@@ -79,46 +73,50 @@ def distances_by_squares(
 
 
 def _less_squares(squares: np.ndarray, weighed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The bounds of quotients of polynomials less sums of squares, and what these may be off by; -inf for none."""
-    degrees = [k - 1 for k in squares.shape[1:]]
+    """Lower bounds of |n|^2 / w^2 by sums of squares q, and what rounding may leave them off by; -inf for none.
+
+    Args:
+        squares: Bernstein coefficients (cells, i, j) of |n|^2.
+        weighed: those of w^2.
+    """
+    degrees = [count - 1 for count in squares.shape[1:]]
     axes = [k for k, degree in enumerate(degrees) if degree > 1]
     if not axes:
         return np.full(len(squares), -np.inf), np.zeros(len(squares))
-    middle = tuple((0, degree // 2) for degree in degrees)
-    about = squares[:, middle[0][1], middle[1][1]] / np.where(weighed > 0, weighed, 1.0)[:, middle[0][1], middle[1][1]]
-    rest = squares - about[:, None, None] * weighed
+    i, j = (degree // 2 for degree in degrees)
+    divisor = np.where(weighed > 0, weighed, 1.0)
+    middle = squares[:, i, j] / divisor[:, i, j]
+    rest = squares - middle[:, None, None] * weighed
 
     def mean(*along: int) -> np.ndarray:
-        """A mean derivative over the part."""
-        found, factor = rest, 1.0
+        """A mean derivative of the rest over the part."""
+        found = rest
         for axis in along:
-            factor *= found.shape[1 + axis] - 1
-            found = np.diff(found, axis=1 + axis)
-        return factor * np.mean(found, axis=(1, 2))
+            found = (found.shape[1 + axis] - 1) * np.diff(found, axis=1 + axis)
+        return np.mean(found, axis=(1, 2))
 
+    # The parabola: its slopes and bends in the middle, along the directions in which the rest is bent most and least.
     slope = np.stack([mean(k) for k in axes], axis=1)
-    bends, frame = np.linalg.eigh(np.stack([np.stack([mean(j, k) for k in axes], axis=1) for j in axes], axis=1))
+    bends, frame = np.linalg.eigh(np.stack([np.stack([mean(m, k) for k in axes], axis=1) for m in axes], axis=1))
     rates = np.maximum(bends, 0.0)
-    along = np.einsum("nkj,nk->nj", frame, slope)
     reach = 0.5 * np.sum(np.abs(frame), axis=1)
-    start = np.clip(-along / np.where(rates > 0, rates, np.inf), -reach, reach)
-    # Coefficients of the powers of x, the parameters from 0 to 1: those of each root are of (x - 1/2) - start.
+    lowest = -np.einsum("nkm,nk->nm", frame, slope) / np.where(rates > 0, rates, np.inf)
+    # q is the sum over these directions of (constant + linear.x)^2, with the parameters x from 0 to 1.
     root = np.sqrt(0.5 * rates)
     linear = root[:, None] * frame
-    constant = -root * start - 0.5 * np.sum(linear, axis=1)
-    indices = [
-        np.arange(degree + 1).reshape(-1, 1) if k == 0 else np.arange(degree + 1) for k, degree in enumerate(degrees)
-    ]
+    constant = -root * np.clip(lowest, -reach, reach) - 0.5 * np.sum(linear, axis=1)
+    index = [np.arange(degrees[0] + 1)[:, None], np.arange(degrees[1] + 1)[None]]
     q = np.sum(constant**2, axis=1)[:, None, None] * np.ones_like(rest)
-    for m, j in enumerate(axes):
-        x = indices[j] / degrees[j]
+    for m, k in enumerate(axes):
+        # Bernstein coefficients of x, of x^2, and of the product with another parameter.
+        x = index[k] / degrees[k]
         q += (2 * np.sum(constant * linear[:, m], axis=1))[:, None, None] * x
-        q += np.sum(linear[:, m] ** 2, axis=1)[:, None, None] * (x * (indices[j] - 1) / (degrees[j] - 1))
-        for n, k in enumerate(axes[:m]):
-            q += (2 * np.sum(linear[:, m] * linear[:, n], axis=1))[:, None, None] * (x * (indices[k] / degrees[k]))
-    found = about + np.min((rest - q) / np.where(weighed > 0, weighed, 1.0), axis=(1, 2))
+        q += np.sum(linear[:, m] ** 2, axis=1)[:, None, None] * (x * (index[k] - 1) / (degrees[k] - 1))
+        for other, y in enumerate(axes[:m]):
+            q += (2 * np.sum(linear[:, m] * linear[:, other], axis=1))[:, None, None] * (x * index[y] / degrees[y])
+    found = middle + np.min((rest - q) / divisor, axis=(1, 2))
     size = np.sum((np.abs(constant) + np.sum(np.abs(linear), axis=1)) ** 2, axis=1)
-    loose = gamma(64, np.float64) * size / np.where(np.min(weighed, axis=(1, 2)) > 0, np.min(weighed, axis=(1, 2)), 1.0)
+    loose = gamma(64, np.float64) * size / np.min(divisor, axis=(1, 2))
     return np.where(np.isfinite(found), found, -np.inf), loose
 
 

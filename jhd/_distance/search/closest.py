@@ -37,8 +37,8 @@ _LONGEST = 1 << 20
 _CLOSE = 0.9
 # So many pairs left when a search ends belong to a family of nearest pairs.
 _FAMILY = 400
-# Half the steps are taken, and so many at least, before a search may be given up; the steps that it seems to need are
-# then so many times those left.
+# A search may be given up after half of its steps, and after so many at least, if it seems to need more than so many
+# times those that are left.
 _LATE, _HOPELESS = 1024, 8
 
 
@@ -211,7 +211,7 @@ def is_hopeless(
         wanted: tolerances, and the most steps.
         reached: what the search has reached.
         power: the power of the inverse of the gap like which the number of pairs grows.
-        factor: how many times the steps that are left those are that it seems to need.
+        factor: the search is given up if it seems to need more than so many times the steps that are left.
     """
     late, upper = reached.steps >= jnp.maximum(wanted.most // 2, _LATE), reached.best.upper
     gap = jnp.where(jnp.isfinite(upper), upper - reached.lower, 0.0)

@@ -20,7 +20,7 @@ from jhd._runtime.arrays import joined
 _AS_FAR = 32
 # Feet of the farthest place that polishing may find besides those that are known.
 _MISSED = 2
-# A place is proven at any cost if its distance may be larger by so many times what bounds may be apart.
+# A place is proven at any cost, and feet that stay are tried, if so many times what bounds may be apart is open.
 _OPEN_PROOF = 16
 # How often a place is moved with all feet, as long as each time closes more than half of the gap.
 _TIMES = 8

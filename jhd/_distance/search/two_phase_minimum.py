@@ -40,12 +40,12 @@ from jhd._distance.search.row_batches import each, in_blocks
 from jhd._distance.search.search import AbstractSearch, Standing
 from jhd._runtime.compiled import compiled
 
-# Steps of the first kind, and pairs in its longest table: it compiles for seconds for each length.
+# Steps of the first kind, and pairs in its longest table: its program compiles for seconds for each length.
 _FIRST_TURN, _LONGEST = 512, 2048
 # Pairs that are cut at once; those that are bounded side by side.
 _TAKEN, _LANES = 256, 32
-# The power of the inverse of the gap like which the pairs of a family over a surface grow: bounds are short by the
-# eighth power of the size of the cells. They tell so well how many steps are left that twice as many are too many.
+# The number of pairs of a family over a surface grows like this power of the inverse of the gap, as bounds are short by
+# the eighth power of the size of the cells. This foretells the steps within a factor of two, if the gap is small.
 _POWER, _TOO_MANY = 0.25, 2.0
 # Feet move on the first shape if the distance is bent along the second one by less than this share of what it is there.
 _FLATTER = 0.125
