@@ -26,8 +26,8 @@ from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.trivariate import bernstein_conversion
 from jhd._runtime.arrays import varying
 
-# The degree at which polynomials are cut off. With 7 feet that move close concentric spheres in a third of the time that
-# they take with 5.
+# The degree at which polynomials are cut off. By feet that move, concentric spheres close with 7 in a third of the time
+# that they take with 5.
 DEGREE = 7
 # Exponents of the terms, by degree.
 EXPONENTS = sorted(((i, j) for i, j in cartesian(range(DEGREE + 1), repeat=2) if i + j <= DEGREE), key=sum)
