@@ -84,7 +84,7 @@ def minimum_distance(
         b: a shape of any of these kinds and of the same dimension.
         method: BranchAndBound(...), the default, or VoxelPairs(...) for surfaces and meshes, whose result is
             RESULTS.not_certified and never raises. A step is sixteen pairs of cells; for meshes, a block of pairs or
-            one exact pair. `queue_size` is the initial number of pairs in it.
+            one exact pair. `queue_size` is the initial size of the queue of pairs.
         rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; the default is described at
             BranchAndBound. A tolerance cannot be combined with `method`.
