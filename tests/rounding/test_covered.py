@@ -38,7 +38,7 @@ COVERED = {
     ("_distance/cells/lagrange.py", "joined_upper", 2): _KERNELS,
     ("_distance/cells/tracked_feet_upper.py", "_apart", 1): _KERNELS,
     ("_distance/cells/tracked_feet_upper.py", "displacement", 1): _KERNELS,
-    ("_distance/cells/tracked_feet.py", "moving_bound", 2): _SAMPLED,
+    ("_distance/cells/tracked_feet.py", "_bound_of", 2): _SAMPLED,
     ("_distance/cells/tracked_feet_surfaces.py", "_convexity.proven", 1): _SAMPLED,
     ("_distance/cells/tracked_feet_surfaces.py", "_moving", 5): _SAMPLED,
     ("_distance/cells/tracked_feet_surfaces.py", "_rest", 2): _SAMPLED,

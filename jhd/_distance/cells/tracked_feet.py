@@ -15,7 +15,7 @@ the cell of b may be as large as L is convex: the number of pairs grows like the
 Source: ours.
 """
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,8 +25,9 @@ from jhd._arithmetic.rounding import gamma
 from jhd._distance.cells.implicit import parameters
 from jhd._distance.cells.lagrange import WithSurface
 from jhd._distance.cells.pairs import Cell, PairBound, Parametric
+from jhd._distance.cells.tracked_feet_minimum import MovingPoint
 from jhd._distance.cells.tracked_feet_nets import points_of_net, square_to_net
-from jhd._distance.cells.tracked_feet_surfaces import narrowed, points_of_surface, square_to_surface
+from jhd._distance.cells.tracked_feet_surfaces import narrowed, points_of_surface, seems_convex, square_to_surface
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.surfaces import Side
 
@@ -52,6 +53,7 @@ class WithMovingFeet(NamedTuple):
     """A pair of shapes with bounds by feet on b that move with a, besides its own."""
 
     still: Parametric | WithSurface
+    on_first = False
 
     @property
     def floor(self) -> Array | float:
@@ -59,46 +61,66 @@ class WithMovingFeet(NamedTuple):
         return self.still.floor
 
     def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells: the larger one."""
-        a, b = self.still.a, self.still.b
-        n, on_first = parameters(a), isinstance(self, WithFeetOnFirst)
-        for shape, part in ((a, slice(0, n)), (b, slice(n, None))):
+        """The shapes' own bounds over one pair of cells, of which parts without a point are cut off."""
+        n = parameters(self.still.a)
+        for shape, part in ((self.still.a, slice(0, n)), (self.still.b, slice(n, None))):
             if isinstance(shape, Side):
                 low, high = narrowed(shape, cell.low[part], cell.high[part])
                 cell = cell._replace(low=cell.low.at[part].set(low), high=cell.high.at[part].set(high))
-        still = self.still.bound(cell)
-        if on_first:
-            ends = (jnp.concatenate([x[n:], x[:n]]) for x in (cell.low, cell.high))
-            moving = moving_bound(b, a, Cell(cell.piece_b, cell.piece_a, *ends), still.x[:n])
-        else:
-            moving = moving_bound(a, b, cell, still.x[n:])
-        follow = (np.arange(cell.low.size) < n) == on_first
-        extent = _to_cut(still.extent, moving, follow, isinstance(a if on_first else b, Side))
-        return still._replace(lower=jnp.maximum(still.lower, moving.lower), extent=extent)
+        return self.still.bound(cell)
+
+    def moving_points(self, cell: Cell, x: Array) -> tuple[MovingPoint, Array]:
+        """The points that move, and whether L seems convex where their middle has its foot; x is a pair of points."""
+        a, b, cell, start = self._turned(cell, x)
+        on_a, n = points_over(a, cell), parameters(a)
+        if isinstance(b, Side):
+            return on_a, seems_convex(b, on_a.point.terms[0], cell.low[n:], cell.high[n:], start)
+        return on_a, jnp.asarray(True)
+
+    def moving_bound(self, on_a: MovingPoint, cell: Cell, x: Array) -> tuple[Array, Array]:
+        """The lower bound by feet of the points that move, and whether L is proven convex."""
+        _, b, cell, start = self._turned(cell, x)
+        return _bound_of(on_a, b, cell, start)
+
+    def _turned(self, cell: Cell, x: Array) -> tuple[Net | Side, Net | Side, Cell, Array]:
+        """The shape whose points move, that with the feet, their cells and the start of a foot."""
+        a, b, n = self.still.a, self.still.b, parameters(self.still.a)
+        if not self.on_first:
+            return a, b, cell, x[n:]
+        low, high = (jnp.concatenate([x[n:], x[:n]]) for x in (cell.low, cell.high))
+        return b, a, Cell(cell.piece_b, cell.piece_a, low, high), x[:n]
+
+    def to_cut(self, extent: np.ndarray, moving: "MovingBound") -> np.ndarray:
+        """What to cut: a, down to graphs; then b, down to where L is convex; and then a again, unless b is far longer.
+
+        What is no graph yet is cut where it is bent most: sheets next to each other between them.
+
+        Args:
+            extent: the lengths of pairs of cells along their parameters.
+            moving: the bounds by feet that move.
+
+        Returns:
+            The lengths, negative where they are not to be cut.
+        """
+        n = parameters(self.still.a)
+        follow = (np.arange(extent.shape[1]) < n) == self.on_first
+        on_surface = isinstance(self.still.a if self.on_first else self.still.b, Side)
+        first, second, most = (np.max(x, axis=1) for x in (extent[:, ~follow], extent[:, follow], moving.bent))
+        graph = moving.graph[:, None] | ~(most > 0)[:, None]
+        bent = first[:, None] * np.sqrt(moving.bent / np.where(most > 0, most, 1.0)[:, None])
+        own = np.where(graph, extent[:, ~follow], bent)
+        longest = np.where(moving.graph, _LONGEST_SURFACE if on_surface else _LONGEST_NET, _LONGEST_OF_NONE)
+        useful = moving.convex & (moving.lower > 0) if on_surface else moving.convex
+        whole = (first * longest > second) & (~moving.graph | useful)
+        lengths = np.where(whole[:, None], -1.0, extent)
+        lengths[:, ~follow] = own
+        return lengths
 
 
 class WithFeetOnFirst(WithMovingFeet):
     """The same by feet on a that move with b: needed if b stands still where the distance is constant along a."""
 
-
-def _to_cut(extent: Array, moving: "MovingBound", follow: np.ndarray, on_surface: bool) -> Array:
-    """What to cut: a, down to graphs; then b, down to where L is convex; and then a again, unless b is far longer.
-
-    What is no graph yet is cut where it is bent most: sheets next to each other between them.
-
-    Args:
-        extent: the lengths along the parameters, negative where they are not to be cut.
-        moving: the bound by feet that move.
-        follow: which parameters are those of the shape with the feet.
-        on_surface: whether this is an implicit surface.
-    """
-    own = extent[~follow]
-    first, second, most = jnp.max(own), jnp.max(extent[follow]), jnp.max(moving.bent)
-    bent = first * jnp.sqrt(moving.bent / jnp.where(most > 0, most, 1.0))
-    extent = extent.at[~follow].set(jnp.where(moving.graph | ~(most > 0), own, bent))
-    longest = jnp.where(moving.graph, _LONGEST_SURFACE if on_surface else _LONGEST_NET, _LONGEST_OF_NONE)
-    useful = moving.convex & (moving.lower > 0) if on_surface else moving.convex
-    return jnp.where((first * longest > second) & (~moving.graph | useful) & follow, -1.0, extent)
+    on_first = True
 
 
 class MovingBound(NamedTuple):
@@ -111,10 +133,10 @@ class MovingBound(NamedTuple):
         bent: see MovingPoint.
     """
 
-    lower: Array
-    graph: Array
-    convex: Array
-    bent: Array
+    lower: Any
+    graph: Any
+    convex: Any
+    bent: Any
 
 
 def moving_bound(a: Net | Side, b: Net | Side, cell: Cell, start: Array) -> MovingBound:
@@ -126,14 +148,26 @@ def moving_bound(a: Net | Side, b: Net | Side, cell: Cell, start: Array) -> Movi
         cell: the pieces and the ends of both parts.
         start: the parameters of a foot, or the point of an implicit surface.
     """
-    n, dtype = parameters(a), cell.low.dtype
-    own, other = (cell.low[:n], cell.high[:n]), (cell.low[n:], cell.high[n:])
-    on_a = points_of_surface(a, *own) if isinstance(a, Side) else points_of_net(a.piece(cell.piece_a), *own)
+    on_a = points_over(a, cell)
+    lower, convex = _bound_of(on_a, b, cell, start)
+    return MovingBound(lower, jnp.isfinite(on_a.beside), convex, on_a.bent)
+
+
+def points_over(a: Net | Side, cell: Cell) -> MovingPoint:
+    """The polynomials that the first shape is near."""
+    n = parameters(a)
+    own = cell.low[:n], cell.high[:n]
+    return points_of_surface(a, *own) if isinstance(a, Side) else points_of_net(a.piece(cell.piece_a), *own)
+
+
+def _bound_of(on_a: MovingPoint, b: Net | Side, cell: Cell, start: Array) -> tuple[Array, Array]:
+    """The bound, and whether L is proven convex."""
+    dtype, n = cell.low.dtype, cell.low.size - parameters(b)
+    other = cell.low[n:], cell.high[n:]
     if isinstance(b, Side):
         square = square_to_surface(b, on_a.point, *other, start)
     else:
         square = square_to_net(b.piece(cell.piece_b), on_a.point, *other, start)
     root = jnp.sqrt(jnp.maximum(square.lower, 0.0)) * (1 - gamma(8, dtype)) - on_a.beside * (1 + gamma(4, dtype))
-    graph = jnp.isfinite(on_a.beside)
-    lower = jnp.where(graph & square.convex & jnp.isfinite(root), jnp.maximum(root, 0.0), 0.0)
-    return MovingBound(lower, graph, square.convex, on_a.bent)
+    proven = jnp.isfinite(on_a.beside) & square.convex & jnp.isfinite(root)
+    return jnp.where(proven, jnp.maximum(root, 0.0), 0.0), square.convex

@@ -97,7 +97,9 @@ def square_to_surface(b: Side, point: Truncated, low: Array, high: Array, start:
     first = _first_foot(b, point.terms[0], start, low, high)
     feet = local_feet(b, places, jnp.broadcast_to(first, places.shape), _STEPS_OF_FEET)
     moving = _moving(b, point, feet, _multipliers(b, places, feet))
-    modulus, heavy = _convexity(b, low, high, moving)
+    ends = jnp.minimum(low, moving.low), jnp.maximum(high, moving.high)
+    v = between(-largest(scaled(moving.multiplier, -1.0)), largest(moving.multiplier))
+    modulus, heavy = _convexity(b, *ends, v, moving.gradient.terms[0])
     square, rest = least(_square(moving)), _rest(moving, modulus, heavy, low, high)
     return MovingSquare(square + rest - gamma(4, low.dtype) * (jnp.abs(square) + jnp.abs(rest)), modulus > 0)
 
@@ -187,12 +189,21 @@ def _derivative(local: Array, axis: int) -> Array:
     return jnp.pad(rows, [(0, 1 if k == axis else 0) for k in range(local.ndim)])
 
 
-def _convexity(b: Side, low: Array, high: Array, moving: _MovingFoot) -> tuple[Array, Array]:
+def seems_convex(b: Side, place: Array, low: Array, high: Array, start: Array) -> Array:
+    """Whether L is convex over a cell and the foot of one place; if not, so it is not for places around."""
+    foot = _first_foot(b, place, start, low, high)
+    multiplier = _multipliers(b, place[:, None], foot)[0]
+    slope, foot = slopes(jnp.asarray(b.coefficients), foot)[1][:, 0], foot[:, 0]
+    v = Ball(multiplier, jnp.zeros_like(multiplier))
+    return _convexity(b, jnp.minimum(low, foot), jnp.maximum(high, foot), v, slope, _MODULI[-1:])[0] > 0
+
+
+def _convexity(
+    b: Side, low: Array, high: Array, v: Ball, slope: Array, moduli: tuple[float, ...] = _MODULI
+) -> tuple[Array, Array]:
     """A number 2 m that the second derivatives of L are at least, zero where none is proven, and r."""
-    over: Any = shape_over(b, None, jnp.minimum(low, moving.low), jnp.maximum(high, moving.high))
+    over: Any = shape_over(b, None, low, high)
     dtype = low.dtype
-    v = between(-largest(scaled(moving.multiplier, -1.0)), largest(moving.multiplier))
-    slope = moving.gradient.terms[0]
     square = jnp.sum(slope**2)
     heavies = jnp.asarray(_HEAVY, dtype) / jnp.where(square > 0, square, jnp.inf)
     eye = jnp.eye(3, dtype=dtype)
@@ -206,7 +217,7 @@ def _convexity(b: Side, low: Array, high: Array, moving: _MovingFoot) -> tuple[A
         h = plus(h, Ball((2 - modulus) * eye, gamma(4, dtype) * eye))
         return semidefinite(h, jnp.zeros(3, bool))
 
-    trials = [(h, m) for m in _MODULI for h in range(len(_HEAVY))]
+    trials = [(h, m) for m in moduli for h in range(len(_HEAVY))]
     each = heavies[np.array([h for h, _ in trials])], jnp.asarray([m for _, m in trials], dtype)
     found = jax.vmap(proven)(*each)
     first = jnp.argmax(found)

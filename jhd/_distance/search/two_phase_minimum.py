@@ -16,10 +16,12 @@ from jaxtyping import Array
 from typing_extensions import override
 
 from jhd._arithmetic.polynomials import jets
+from jhd._arithmetic.truncated import Truncated
 from jhd._distance.cells.implicit import parameters
 from jhd._distance.cells.lagrange import WithSurface
 from jhd._distance.cells.pairs import BestPair, Cell, PairBound, Parametric
-from jhd._distance.cells.tracked_feet import WithFeetOnFirst, WithMovingFeet
+from jhd._distance.cells.tracked_feet import MovingBound, WithFeetOnFirst, WithMovingFeet
+from jhd._distance.cells.tracked_feet_minimum import MovingPoint
 from jhd._distance.normalization.net_jets import Net, jet
 from jhd._distance.normalization.surfaces import Side
 from jhd._distance.search.closest import (
@@ -160,31 +162,62 @@ def _cut(problem: WithMovingFeet, wanted: WantedGap, state: FollowedPairs, most:
     settled = np.minimum(state.settled, np.min(state.lower[~still], initial=np.inf))
     order = np.flatnonzero(still)[np.argsort(state.lower[still], kind="stable")]
     taken, rest = order[:most], order[most:]
-    lower, cell, axis = (jax.tree_util.tree_map(lambda x: x[taken], x) for x in (state.lower, state.cell, state.axis))
+    lower, cell, axis = _rows((state.lower, state.cell, state.axis), taken)
     halves: Any = halves_of(cell, axis)
     found: Any = PairBound(*jax.tree_util.tree_map(np.asarray, in_blocks(_bounds, problem, *halves)))
     before: Any = np.concatenate([lower, lower])
     best, lowers = raised(found, halves, before, state.best)
-    open_ = (lowers < float(close_enough(problem, wanted, best))) & ~found.thin
+    closed = float(close_enough(problem, wanted, best))
+    left = np.flatnonzero((lowers < closed) & ~found.thin)
+    followed, extent = _followed(problem, _rows(found, left))
+    lowers[left] = np.maximum(lowers[left], followed)
+    open_ = lowers[left] < closed
+    left, axis = left[open_], np.argmax(extent[open_], axis=1)
+    settled = min(settled, np.min(np.delete(lowers, left), initial=np.inf))
+    new: Any = lowers[left], _rows(found.cell, left), axis
+    old = _rows((state.lower, state.cell, state.axis), rest)
+    lower, cell, axis = jax.tree_util.tree_map(lambda x, y: np.concatenate([x, y]), new, old)
+    steps, pairs = state.steps + -(-len(taken) // WIDTH), state.pairs + len(lowers)
+    return FollowedPairs(state.kind, lower, cell, axis, best, settled, steps, pairs)
 
-    def merged(new: Any, old: Any) -> Any:
-        return np.concatenate([new[open_], old[rest]])
 
-    return state._replace(
-        lower=merged(lowers, state.lower),
-        cell=Cell(*(merged(x, y) for x, y in zip(found.cell, state.cell, strict=True))),
-        axis=merged(np.argmax(found.extent, axis=-1), state.axis),
-        best=best,
-        settled=np.minimum(settled, np.min(lowers[~open_], initial=np.inf)),
-        steps=state.steps + -(-len(taken) // WIDTH),
-        pairs=state.pairs + len(lowers),
-    )
+def _rows(x: Any, rows: np.ndarray) -> Any:
+    """Some rows of arrays."""
+    return jax.tree_util.tree_map(lambda x: x[rows], x)
+
+
+def _followed(problem: WithMovingFeet, pairs: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Lower bounds of pairs of cells by feet that move, zero if they cannot be more, and the extents to cut."""
+    x, cell = pairs.x, pairs.cell
+    lower, convex = np.zeros(len(x), x.dtype), np.zeros(len(x), bool)
+    if not len(x):
+        return lower, pairs.extent
+    on_a, promising = in_blocks(_moving_points, problem, *cell, x)
+    graph = np.isfinite(on_a.beside)
+    k = np.flatnonzero(graph & promising)
+    if k.size:
+        lower[k], convex[k] = in_blocks(_moving_bounds, problem, *jax.tree_util.tree_leaves(_rows((on_a, cell, x), k)))
+    return lower, problem.to_cut(pairs.extent, MovingBound(lower, graph, convex, on_a.bent))
 
 
 @compiled
 def _bounds(problem: WithMovingFeet, count: Array, *rows: Array) -> PairBound:
     """Bounds over pairs of cells."""
     return each(lambda *cell: problem.bound(Cell(*cell)), count, rows, _LANES)
+
+
+@compiled
+def _moving_points(problem: WithMovingFeet, count: Array, *rows: Array) -> tuple[MovingPoint, Array]:
+    return each(lambda *row: problem.moving_points(Cell(*row[:-1]), row[-1]), count, rows, _LANES)
+
+
+@compiled
+def _moving_bounds(problem: WithMovingFeet, count: Array, *rows: Array) -> tuple[Array, Array]:
+    def one(terms: Array, rest: Array, beside: Array, bent: Array, *row: Array) -> tuple[Array, Array]:
+        on_a = MovingPoint(Truncated(terms, rest), beside, bent)
+        return problem.moving_bound(on_a, Cell(*row[:-1]), row[-1])
+
+    return each(one, count, rows, _LANES)
 
 
 def _with_feet(problem: Parametric | WithSurface, best: BestPair) -> type[WithMovingFeet]:

@@ -46,6 +46,8 @@ def search(monkeypatch, first=10**6, max_steps=10**6):
         return table._replace(steps=jnp.asarray(limit)), "first", np.array([going, False, limit, 1])
 
     monkeypatch.setattr(two_phase_minimum, "_bounds", bounds)
+    # No bounds by feet besides.
+    monkeypatch.setattr(two_phase_minimum, "_followed", lambda _, pairs: (np.zeros(len(pairs.x)), pairs.extent))
     monkeypatch.setattr(two_phase_minimum, "_with_feet", lambda shapes, best: WithMovingFeet)
     wanted = WantedGap(*map(jnp.asarray, (TOLERANCE, 0.0, True, max_steps)))
     shown: Any = lambda reached: reached  # noqa: E731
