@@ -4,6 +4,7 @@ An experiment writes them beside its numbers, so that a figure can say that its 
 module imports nothing but Python's own, so that figures, which have a `common` of their own, can run it by its path.
 """
 
+import ast
 import hashlib
 import os
 import platform
@@ -22,14 +23,29 @@ _DIGITS = 16
 def code_of(script: Path) -> dict[str, str]:
     """Sums of the source of a script with the modules that it shares with others, and of the package."""
     package = ROOT / "jhd"
-    return {"script": digest(_with_imports(script)), "package": digest(sorted(package.rglob("*.py")))}
+    scripts = [(file, _without_docstrings(file).encode()) for file in _with_imports(script)]
+    return {"script": _sum(scripts), "package": digest(sorted(package.rglob("*.py")))}
 
 
 def digest(files: Iterable[Path]) -> str:
     """A sum of what files are called and hold, in their order."""
+    return _sum((file, file.read_bytes()) for file in files)
+
+
+def _without_docstrings(file: Path) -> str:
+    """The code of a script: what is only said of it changes no numbers."""
+    text = file.read_text(encoding="utf-8")
+    lines = text.splitlines()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            for k in range(node.body[0].lineno - 1, node.body[0].end_lineno or 0):
+                lines[k] = ""
+    return "\n".join(line for line in lines if line)
+
+
+def _sum(contents: Iterable[tuple[Path, bytes]]) -> str:
     found = hashlib.sha256()
-    for file in files:
-        content = file.read_bytes()
+    for file, content in contents:
         found.update(f"{file.name} {len(content)} ".encode())
         found.update(content)
     return found.hexdigest()[:_DIGITS]

@@ -16,8 +16,8 @@ it is not zero, because a foot is a minimum, and by O(h^p) where it is; (iv) add
 order; (ii) of second where one branch has a smooth top and of first at a crossing of two; (iii) of second. Claims: the
 fitted slopes are these. Ours is of order 8 at both maxima (with an affine map 4), and on coincident curves of order 4,
 exact where the parametrizations differ by a Moebius map, as soon as its few Newton steps reach the feet (h < 1/8). A
-search for 1e-10 of the diagonal bounds 3 cells at a maximum, 9 where cells are halved, against 27 to 71 or, with
-Lipschitz bounds at an antipodal maximum, more than can be waited for. The kernel levels off at its allowance for
+search for 1e-10 of the diagonal bounds 3 cells at a maximum, at most 9 where cells are halved, against 27 to 71 or,
+with Lipschitz bounds at an antipodal maximum, more than can be waited for. The kernel levels off at its allowance for
 rounding, some 1e-14, which the fits leave out.
 
 Feeds: figures and tables "convergence of upper bounds" and "cells of a search".

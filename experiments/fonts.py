@@ -10,8 +10,8 @@ each letter.
 
 Claims: every distance has bounds closer than 1e-9 x-heights; every nearest letter is proven, or tied with another one
 within that (i and l of STIX General reach equally far beyond those of DejaVu Sans); the search finds what the matrix
-says with less than a tenth of its distances; samples 0.002 x-heights apart take about as long as the proof, and err by
-half of that.
+says with less than a tenth of its distances; samples 0.002 x-heights apart take longer than the proof, and err by up to
+0.6 of that.
 
 Feeds: figure and tables "letters of two fonts".
 Takes: 2 minutes, 1 once compiled.

@@ -8,7 +8,7 @@ does not say which is taken. Beside it the proven bounds of `minimum_distance`.
 Claims: the answer depends on the grid and on the pair of cubes that is taken, up to 2.0166, and for the first pair it
 is more than eps above 2 on most grids, so the stated error is not kept; 2.0020 is among the answers, as that of the
 line x = 0.07, z = 0, for which the paper prints x = 0.0070 (the printed points are 8e-4 and 1.2e-3 off the spheres,
-those of x = 0.0700 are not). The proven bounds hold 2 and are 3e-12 apart.
+those of x = 0.0700 are not). The proven bounds hold 2 and are less than 3e-12 apart.
 
 Feeds: figure "lin03 spheres" and the table of answers.
 Takes: 2 minutes.

@@ -8,9 +8,10 @@ longest piece, found by halving, that is near enough. (2) One closed outline of 
 and by 10 cubics, 60 free parameters each: the distance against time, in a fresh process without any compiled program
 and again once compiled; then the fit is continued, from its end and from ends displaced at random by 1e-4 em.
 
-Claims: every fit keeps its tolerance, proven. fit_outline takes 58 and 62 segments at the two tolerances, splitting 92
-and 127, the longest pieces 66 and 77, and on no letter more than those, in seconds where least squares take a tenth of
-one. Both fits of 60 parameters come within 1 % of where continued and displaced fits end in 35 s once compiled.
+Claims: every fit keeps its tolerance, proven. fit_outline takes 56 and 62 segments at the two tolerances, splitting 92
+and 127, the longest pieces 66 and 77, and on no letter more than those, in up to 14 seconds a letter where least
+squares take less than a tenth of one. Both fits of 60 parameters come within 1 % of where continued and displaced fits
+end in 10 s once compiled.
 
 Feeds: figure "outlines by few segments" and its tables.
 Takes: 4 minutes, with OPENBLAS_NUM_THREADS=1: small matrices on several threads take far longer on a busy machine.

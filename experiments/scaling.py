@@ -7,22 +7,22 @@ Pairs of closed cubic B-splines, from 1 to 2 000 segments each, of two kinds:
   proportion to the spacing, so that the maxima of nearly the same height grow in number with the segments; three
   draws, of which the medians count.
 
-A single segment is the first of a spline of four. Programs are compiled for 4, 16, 48, 96, 192, ... segments, and
-curves are padded to these. All of these numbers are taken, and some just over them, which cost as much as the next:
-2 000 costs what 3 072 would. Times are warm medians in one process on one core: one direction and both, as a plain call
-and as one compiled program, and one plain call without any step, which is the start of the search alone. Beside them
-SciPy's k-d tree in one direction, tree included, with 25 samples a segment, taken beforehand for free, and its error.
-Exponents are fitted to the sizes that need no padding.
+A single segment is the first of a spline of four. Programs are compiled for 4, 16, 48, 96, 192, 256, 384, 512, ...
+segments, and curves are padded to these. Some of these are taken, and some just over them, which cost as much as the
+next: 2 000 costs what 2 048 would. Times are warm medians in one process on one core: one direction and both, as a
+plain call and as one compiled program, and one plain call without any step, which is the start of the search alone.
+Beside them SciPy's k-d tree in one direction, tree included, with 25 samples a segment, taken beforehand for free, and
+its error. Exponents are fitted to the sizes that need no padding.
 
 Memory is XLA's own count of what a program needs beside its input and output, and the peak of a process that does
 nothing else, less what the imports took. The programs of that process come from the compile cache. Compilation is that
 of one direction, from the call to the program, with no cache.
 
-Claims: 2 000 x 2 000 segments are proven to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than
-n + 64 cells of n segments, and in bounded memory: less than 10 MB for the tables of a program, less than 1 GB for the
-process. The time to compile is the same up to 384 segments and about twice that for more, which are searched in blocks.
-From some 500 segments on the start of the search decides, which grows more slowly than the number of segments. A k-d
-tree is faster for few segments and takes as long for 2 000, with an error of 1e-6 of the diagonal in place of a proof.
+Claims: 2 000 x 2 000 segments are proven to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than n +
+64 cells of n segments, and in bounded memory: less than 10 MB for the tables of a program, less than 1 GB for the
+process. Tracing and compiling take 10 to 20 s. The start of the search grows more slowly than the number of segments,
+and takes a third or more of a plain call from 385 segments on. A k-d tree is faster for few segments and takes as long
+for 2 000 of the noisy pairs, with an error of 1e-6 of the diagonal in place of a proof.
 
 Feeds: figure and tables "scaling".
 Takes: 8 minutes, 5 once compiled.

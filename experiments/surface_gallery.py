@@ -5,8 +5,8 @@ Each pair lies in one box and is compared in both directions by BranchAndBound, 
 cells of a 64th of the box prove in the same process, CubeIntervals.
 
 Claims: every pair but one is closed to the tolerance within a second once compiled. The torus has a whole circle of
-feet, around which cells must be cut finer and finer: its bounds end about as far apart as the tolerance, and say so.
-The interval of cells holds the same distance and is ten thousand times as wide or more.
+feet, around which cells must be cut finer and finer: its bounds end about as far apart as the tolerance, with the
+result `capacity_reached`. The interval of cells holds the same distance and is ten thousand times as wide or more.
 
 Feeds: figure "surface gallery" and its table.
 Takes: 3 minutes, most of it compilation.

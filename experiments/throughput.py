@@ -15,9 +15,9 @@ a segment, taken beforehand for free, and their error. The same 256 pairs each t
 stacked beforehand. All in one process, on one core where there is no accelerator; times are medians, warm.
 
 Claims: 256 pairs of 30 segments in a batch cost no more each than one by one within one program, and the answers are
-the same to rounding. On one core of a CPU a batch gains the overhead of the calls alone: a factor of two to three for
-single cubics, a third for curves of 30 segments. There the trees take several times as long as a batch, and half as
-long for single cubics, with errors of 1e-6.
+the same to rounding. On one core of a CPU a batch gains the overhead of the calls alone: a factor of about two for
+single cubics, 1.3 for curves of 30 segments. There the trees take several times as long as a batch, and about three
+quarters as long for single cubics, with errors of 1e-6 in the median and up to 1e-3.
 
 Feeds: figure and table "throughput".
 Takes: 2 minutes.

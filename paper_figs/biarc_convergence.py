@@ -3,8 +3,8 @@
 Numbers by biarc_convergence's experiment.
 
 Caption: Number of biarcs against tolerance for five curves, compared with theory, and the fraction of the certified
-deviation that is attained. The count grows with the power -0.31 to -0.34 of the tolerance. 84 to 96 % of the certified
-deviation is attained.
+deviation that samples and the Hausdorff distance attain, which is 84 to 95 %. For tolerances up to 1e-4 of the diagonal
+the count grows with their power -0.31 to -0.34 and is 1.3 to 2.0 times that of theory.
 """
 
 from typing import Any

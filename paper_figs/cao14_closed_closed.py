@@ -1,8 +1,9 @@
 """Four panels of the two-step method on two closed curves; numbers by the experiment of the same name.
 
 Caption: Example 2 and figure 5 of Cao et al. 2014 with our own data: two closed splines of 90 control points, the
-samples of A, the candidates of the three largest samples, and the result. Both directed distances agree with a
-reference to 1e-10 mm. Sampling with up to 400 samples a segment has errors above 1e-8 and 1e-5 mm.
+samples of A, the three largest samples above both neighbors, and the maxima between these neighbors. Both directed
+distances agree with a reference to 1e-10 mm. Up to 400 samples a segment leave errors above 1e-7 mm in h(A, B) and
+above 1e-4 mm in h(B, A).
 """
 
 from common import Picture

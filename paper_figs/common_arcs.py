@@ -219,4 +219,4 @@ def _unsafe(ax: Axes) -> None:
     ax.set_ylim(-1.55, 0.15)
     ax.set_yticks([0, -_LB], ["0", "$-LB$"])
     ax.set_xlabel("along an arc of $B$")
-    ax.set_ylabel("distance from it", labelpad=0)
+    ax.set_ylabel("distance from it", labelpad=5)

@@ -2,10 +2,10 @@
 
 Numbers by the experiment of the same name; the second figure is convergence_cells (.png, .pdf).
 
-Caption: Convergence of four upper bounds of the distance over a cell with the width of the cell, at an antipodal
-maximum, at a one-to-two maximum and on coincident curves, with the slopes from theory; the second picture shows the
-largest remaining bound against the number of cells of a search. The bound of jhd has order 8 at both maxima. It needs 3
-cells to reach 1e-10 of the diagonal; the other bounds need 27 to 71 and more.
+Caption: Gaps of four upper bounds of the distance over a cell against its width, at an antipodal maximum, at a
+one-to-two maximum and on coincident curves, with fitted slopes (numbers) and those of theory (dashed); second picture:
+against the number of cells of a search. At both maxima the bound of jhd has order 8 and needs 3 cells for 1e-10 of the
+diagonal; the other three bounds need at least 27.
 """
 
 from collections.abc import Callable

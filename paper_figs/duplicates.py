@@ -1,8 +1,8 @@
 """How many pairs are left at each stage, their distances, and some of them; numbers by duplicates.
 
-Caption: Pairs of 11 683 letters that remain at each stage of a search for near-duplicates, the distances of the pairs
-found, and some of the pairs. A few thousand of 68 million pairs are searched, none stays undecided, in under 60 CPU
-seconds.
+Caption: Pairs of 11 683 letters that remain at each stage of a search for near-duplicates, the distances of the 905
+pairs found, and some of the pairs. About a thousand of 68 million pairs are searched, none stays undecided, in under 30
+CPU seconds once compiled.
 """
 
 from typing import Any

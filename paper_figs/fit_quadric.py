@@ -2,8 +2,8 @@
 
 Numbers by fit_quadric's experiment.
 
-Caption: A quartic surface with the least-squares ellipsoid and with the ellipsoid of least Hausdorff distance, and the
-convergence of the fit. The distance falls by a fifth, with certified values at both ends, in fewer than 40 evaluations.
+Caption: A quartic surface with the least-squares ellipsoid and with the ellipsoid of least Hausdorff distance found,
+and the convergence of the fit. The distance falls by 22 % in fewer than 40 evaluations, certified to 1e-9 at both ends.
 """
 
 from typing import Any

@@ -1,8 +1,8 @@
 """How much of their tolerance conversions of curves use, and one curve that Agg draws too long; by flattening_check.
 
-Caption: Errors of the curve conversions of matplotlib's Agg and of fontTools as a fraction of their tolerance, and one
-curve that Agg draws too long. fontTools keeps its tolerance on every input. Agg exceeds its half pixel on thin curves
-and hairpins, in proportion to their length; this is certified.
+Caption: Errors of the curve conversions of matplotlib's Agg and of fontTools as a fraction of their tolerance, the
+share of curves that exceed Agg's half pixel, and one curve that Agg draws 25 pixels too long. fontTools keeps its
+tolerance on every input. On thin curves and hairpins Agg errs by up to 46 % of their size. All answers are certified.
 """
 
 from typing import Any

@@ -1,8 +1,9 @@
 """Distances between all letters of two fonts, the nearest ones, and four pairs of outlines; numbers by fonts.
 
-Caption: All 26 x 26 distances between the letters of DejaVu Sans and STIX General with the certified nearest letters,
-and four pairs of outlines. Each distance is certified to 1e-9 x-heights. The nearest letters need less than a tenth of
-the distances.
+Caption: All 26 x 26 distances between the letters of DejaVu Sans and STIX General, certified to 1e-9 x-heights, and
+four pairs of outlines. The nearest letter is certified to be the same for 45 of 52 letters and another one for 5
+(filled marks); 2 are tied (open marks). Searches for the nearest letters compute less than a tenth of the distances
+and compare less than a quarter with a bound.
 """
 
 from typing import Any

@@ -3,11 +3,10 @@
 Numbers by kim10_figures's experiment. A second picture has four pairs, one for each way in which the distance arises,
 with map, reading and both curves trimmed; a third one draws what is done to an arc.
 
-Caption: The distance map with its nearest arcs, the same map as cones over the plane, and a curve trimmed by the region
-of radius LB (figures 7, 8, 10 and 17 of Kim et al. 2010, with our own data). The maximum remains, and less than a tenth
-of the curve does. The second picture shows a pair for each of the four events (figure 1 of Cao et al. 2014, figure 18
-of Kim et al.) with the map, its values along A, and both curves trimmed as published, which leaves nothing of B. The
-third picture shows the construction of an arc (figures 1 to 6, 9 and 11 to 16).
+Caption: A distance map with nearest arcs, the same as cones, and curves trimmed by the region of radius LB (figures 7,
+8, 10 and 17 of Kim et al. 2010, with our own data). The maximum remains, with less than a tenth of A. Second picture: a
+pair for each of the four events (figure 1 of Cao et al. 2014, figure 18 of Kim et al.); trimmed as published, nothing
+of B remains. Third picture: the steps for an arc (figures 1 to 6, 9 and 11 to 16).
 """
 
 from typing import Any

@@ -7,9 +7,9 @@ Numbers by lin03_field's experiment. A second picture has the meshes that are gi
 
 Caption: Adaptive fields of meshes of 67 500 and 48 000 triangles: slices with their cells, and the extracted surfaces
 colored by error; times are listed next to those printed in 2003. The error is certified to be below twice the
-tolerance. The extracted surface is within that distance of the mesh, both ways. The second picture shows the input
+tolerance, and the extracted surface is within that distance of the mesh, both ways. The second picture shows the input
 meshes and the regions around a triangle that decide which feature is nearest (figures 5, 6 and 8 of Lin and Wang, with
-our own meshes).
+other meshes).
 """
 
 from typing import Any

@@ -3,8 +3,8 @@
 Numbers by lin03_spheres's experiment.
 
 Caption: The published voxel method on two spheres of distance 2 (figure 10 of Lin and Wang): the printed and the
-certified points, the answers on 81 grids, and the points found. The answers reach 2.0166; the printed 2.0020 is the
-answer of one of the grids. The certified bounds enclose 2 and are 3e-12 apart.
+certified points, the answers on 81 grids, and the points found. The answers reach 2.0166; the printed 2.0020 is
+among those of 32 of the grids. The certified bounds enclose 2 and are less than 3e-12 apart.
 """
 
 from typing import Any

@@ -5,8 +5,8 @@ Grids have one vertex a voxel, as published, or 256 voxels a side where that nee
 Numbers by local_search_error's experiment.
 
 Caption: Errors of the published search around the nearest vertices: the fraction of points above each error, and their
-location about a long profile. 15 to 30 % of the distances are too large on smooth meshes, and 11 to 32 % on parts, by
-up to 14 % of the diagonal with one vertex a voxel.
+location about a long profile. With one vertex a voxel, 15 to 30 % of the distances are too large on smooth meshes, and
+11 to 32 % on parts, by up to 14 % of the diagonal.
 """
 
 from typing import Any

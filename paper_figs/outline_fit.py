@@ -2,9 +2,9 @@
 
 Numbers by outline_fit's experiment.
 
-Caption: Outlines of letters before and after fitting by few cubics, the number of segments, and the progress of a fit
-with 60 parameters. Every fit keeps its tolerance, certified, with 58 and 62 segments; the longest least-squares pieces
-need 66 and 77.
+Caption: A letter before and after fitting by few cubics, the numbers stored for six letters and the tolerance used by
+three methods, and the progress of two fits with 60 parameters. Every fit keeps its tolerance, certified. The minimax
+fits need 56 and 62 segments for tolerances of 0.004 and 0.002 em, the longest least-squares pieces 66 and 77.
 """
 
 from typing import Any

@@ -2,10 +2,9 @@
 
 Numbers by registration's experiment.
 
-Caption: The letter S of one font registered to the S of another font by the Hausdorff distance and by ICP: overlays,
-and the end reached from each starting angle. The best rigid motion is 8 % nearer than the best result of ICP, and the
-best similarity 26 %. An exact copy is recovered to rounding from at most half of the starting angles; from the others
-both methods end in local minima.
+Caption: The letter S of one font registered to that of another by the Hausdorff distance and by ICP, and the distances
+reached from eight starting angles. The best rigid motion is 8 % nearer than the best result of ICP, the best similarity
+26 %. An exact copy is recovered to 1e-13 from 3 angles, by ICP from 4; other angles end more than 0.05 x-heights away.
 """
 
 from typing import Any

@@ -3,8 +3,8 @@
 Numbers by tessellation_check's experiment.
 
 Caption: A triangulation of 100 NURBS patches colored by its distance to the surface, and the distance against the
-number of triangles. The distance is 73 to 96 % of the error that the mesher states. Samples overestimate it on the
-finest mesh by a factor of up to 127.
+number of triangles. The distance from the mesh is 73 to 97 % of the error that the mesher states. Samples
+overestimate that of the finest mesh by a factor of more than 39, and the distance to the mesh by more than 100.
 """
 
 from typing import Any

@@ -3,7 +3,8 @@
 Horizontal lines are what goes pair by pair.
 
 Caption: Pairs a second in batches of 1 to 1024 under vmap; horizontal lines show one call per pair. On one core a batch
-saves the overhead of the calls: a factor of two to three for single cubics, a third for curves of 30 segments.
+saves the overhead of the calls: from 256 pairs on it is about twice as fast as compiled calls one by one for single
+cubics, and 1.3 times for curves of 30 segments.
 """
 
 from typing import Any

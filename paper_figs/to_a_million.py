@@ -1,8 +1,8 @@
 """What calls on pairs of shards take, and what follows for a million shapes; numbers by to_a_million.
 
 Caption: Time of calls on pairs of shards of 500 to 4000 letters, and the extrapolation to a million shapes on a
-thousand cores. All pairs would take days, the nearest of each shape an hour, all near-duplicates minutes, under the
-assumptions that the experiment names.
+thousand cores. All pairs would take days, the nearest of each shape about an hour, all near-duplicates minutes, if
+cores are busy 80 % of the time and the shapes are like these letters.
 """
 
 from typing import Any

@@ -2,9 +2,9 @@
 
 The horizontal line is a plain loop of calls.
 
-Caption: Pairs a second and CPU time a pair against the number of workers: threads, processes, loky, Dask and simulated
-devices; the horizontal line is a plain loop of calls. Results are bitwise identical everywhere, at a fraction of the
-CPU time of the loop.
+Caption: Pairs a second and CPU time a pair against the number of workers: threads, processes, Dask and simulated
+devices; the horizontal line is a plain loop of calls. Results are bitwise identical for all kinds and numbers of
+workers, at less than a quarter of the CPU time of the loop.
 """
 
 from typing import Any

@@ -11,6 +11,14 @@ def check_throughput(numbers):
         assert found["gap"] <= 1e-10 and found["difference"] < 1e-13
         assert found["error"]["largest"] > 1e-8 and 1 <= found["steps"]["mean"] <= found["steps"]["most"] < 50
         assert all(entry["seconds"] > 0 for entry in (*found["batches"], *found["loops"].values()))
+    if full(numbers) and numbers["platform"] == "cpu":
+        for kind, least, most in (("cubics", 1.7, 2.5), ("splines", 1.15, 1.5)):
+            gains = {entry["size"]: entry["one by one to this"] for entry in numbers["kinds"][kind]["batches"]}
+            assert [min(gains), max(gains)] == [1, 1024] and least < gains[256] < most and least < gains[1024] < most
+            loops = {name: loop["seconds"] for name, loop in numbers["kinds"][kind]["loops"].items()}
+            trees = loops["k-d tree"] / loops["one by one"] * gains[1024]
+            assert 0.4 < trees < 1 if kind == "cubics" else 3.5 < trees < 7
+            assert numbers["kinds"][kind]["error"]["median"] < 3e-6
 
 
 def check_collection_search(numbers):
@@ -23,7 +31,9 @@ def check_collection_search(numbers):
         assert shares[k, sizes[0]] > shares[k, sizes[-1]]
     if full(numbers):
         spent = {search["k"]: search["spent"]["cpu"] for search in numbers["searches"] if search["shapes"] == 2000}
+        assert numbers["queries"] == 500 and sizes == [125, 500, 2000]
         assert shares[1, 2000] <= 0.003 and spent[1] < 10 and shares[5, 2000] < 0.01
+        assert all(shares[k, 125] > shares[k, 500] > shares[k, 2000] for k in (1, 5))
 
 
 def check_duplicates(numbers):
@@ -32,7 +42,8 @@ def check_duplicates(numbers):
     assert max(numbers["grouped"]["distance"]) <= numbers["within"] and max(numbers["upper"]) <= numbers["within"]
     assert numbers["sample"]["near"] > 0
     if full(numbers):
-        assert numbers["shapes"] == 11_683 and numbers["spent"]["cpu"] < 60 and numbers["computed"] < 3000
+        assert [numbers["shapes"], numbers["pairs"], numbers["found"]] == [11_683, 68_240_403, 905]
+        assert numbers["computed"] < 1100 and numbers["spent"]["cpu"] < 30 and numbers["sample"]["shapes"] == 120
 
 
 def check_workers(numbers):
@@ -41,8 +52,10 @@ def check_workers(numbers):
     others = [entry for entry in numbers["entries"] if entry is not plain]
     assert all(entry["rate"] > 0 for entry in others)
     if full(numbers):
-        assert {entry["kind"] for entry in others} >= {"threads", "processes", "devices"}
-        assert plain["cpu_a_pair"] > 2 * min(entry["cpu_a_pair"] for entry in others)
+        assert all("bits" in entry for entry in others) and len(others) >= 11
+        assert {entry["kind"] for entry in others} >= {"threads", "processes", "Dask", "devices"}
+        costs = {(entry["kind"], entry["workers"]): entry["cpu_a_pair"] for entry in others}
+        assert all(cost < min(plain["cpu_a_pair"] / 4, 1.3 * costs[kind, 1]) for (kind, _), cost in costs.items())
 
 
 def check_to_a_million(numbers):
@@ -55,7 +68,10 @@ def check_to_a_million(numbers):
         assert row["tasks"] > 1 and abs(row["hours"] - hours) <= 1e-9 * hours
     assert plan["within"]["hours"] < plan["nearest"]["hours"] < plan["all pairs"]["hours"]
     if full(numbers):
-        assert shards[-1]["size"] == 4000 and shards[-1]["nearest"]["share"] < 0.01
+        assert [shard["size"] for shard in shards] == [500, 1000, 2000, 4000] and shards[-1]["nearest"]["share"] < 0.01
+        assert numbers["assumed"] == {"shapes": 1_000_000, "cores": 1000, "busy": 0.8}
+        assert 72 < plan["all pairs"]["hours"] < 240 and plan["all pairs"]["bytes"] > 1e12
+        assert 0.7 < plan["nearest"]["hours"] < 1.6 and 0.05 < plan["within"]["hours"] < 0.25
 
 
 def check_scan_to_model(numbers):
@@ -66,5 +82,8 @@ def check_scan_to_model(numbers):
         assert found["lower"] <= found["samples"]["value"] and found["rms"] <= found["upper"]
     assert ends["after"]["rms"] < ends["before"]["rms"] and numbers["steps"][-1] < numbers["steps"][0]
     if full(numbers):
-        assert ends["after"]["rms"] <= 1.05 * numbers["noise"] < 0.5 * ends["before"]["rms"]
-        assert ends["after"]["upper"] <= 1.05 * ends["the scanned sheet"]["upper"] < 0.6 * ends["before"]["upper"]
+        assert [numbers["points"], numbers["patches"], len(numbers["steps"])] == [94_249, 9, 9]
+        noise = numbers["noise"]
+        assert abs(ends["after"]["rms"] / noise - 1) < 0.05 and noise < 0.5 * ends["before"]["rms"]
+        assert abs(ends["after"]["upper"] / ends["the scanned sheet"]["upper"] - 1) < 0.05
+        assert ends["after"]["upper"] < 0.6 * ends["before"]["upper"]

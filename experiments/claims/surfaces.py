@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .collections import full
+
 # Samples of shapes over the unit square lie on a grid of a twelfth, and no place is this far from one of them there.
 _APART = 0.06
 
@@ -29,9 +31,18 @@ def check_spurious_cells(numbers):
     *counterexamples, empty = numbers["pairs"]
     for pair in counterexamples:
         assert not any(holds(found, pair["exact"]) for found in pair["paper"])
-        assert all(holds(found, pair["exact"]) for found in pair["safe"])
+        assert all(holds(found, pair["exact"]) for found in [*pair["safe"], pair["search"]] if found is not None)
     assert {found["result"] for found in empty["paper"]} == {"not_certified"}
+    assert all(0 < found["lower"] <= found["upper"] for found in empty["paper"])
     assert {found["result"] for found in empty["safe"]} == {"existence_not_certified"}
+    below, above = counterexamples
+    misses = np.array(
+        [[2.5 - x["upper"], y["lower"] - 0.1] for x, y in zip(below["paper"], above["paper"], strict=True)]
+    )
+    assert below["exact"] == 2.5 and above["exact"] == 0.1 and np.all(misses > [0.87, 1.5])
+    if full(numbers):
+        assert empty["search"]["result"] == "empty" and numbers["cells"][-1] == 256
+        assert [f"{miss:.2g}" for miss in misses[-1]] == ["0.95", "1.7"]
 
 
 def check_algsurf_table(numbers):
@@ -45,12 +56,27 @@ def check_surface_gallery(numbers):
         found = pair["solution"]
         assert 0 < found["lower"] <= found["value"] <= found["upper"] <= found["lower"] + 0.1
         assert pair["cubes"]["lower"] <= found["upper"] and found["lower"] <= pair["cubes"]["upper"]
+        if full(numbers):
+            gap = found["upper"] - found["lower"]
+            assert pair["cubes"]["upper"] - pair["cubes"]["lower"] > 1e4 * gap, pair["name"]
+            if pair["name"] == "torus, ellipsoid":
+                # Feet of a point of its axis are a circle.
+                assert found["result"] == "capacity_reached" and numbers["atol"] < gap < 2e-6
+                assert np.hypot(*found["witness"]["point"][:2]) < 1e-9
+            else:
+                assert found["result"] == "successful" and gap <= numbers["atol"] == 1e-6, pair["name"]
+                assert pair["seconds"] < 1, pair["name"]
 
 
 def check_lin03_field(numbers):
     for mesh in numbers["meshes"]:
         assert mesh["closed"] and 0 < mesh["sampled"] <= mesh["proven"]
         assert all(0 < way["lower"] <= way["upper"] < 4 * mesh["atol"] for way in mesh["hausdorff"].values())
+    if full(numbers):
+        assert [mesh["triangles"] for mesh in numbers["meshes"]] == [67_500, 48_000]
+        for mesh in numbers["meshes"]:
+            assert max(mesh["proven"], *(way["upper"] for way in mesh["hausdorff"].values())) < 2 * mesh["atol"]
+            assert mesh["first_call"] < 15
 
 
 def check_mesh_hausdorff_figure(numbers):
@@ -60,6 +86,11 @@ def check_mesh_hausdorff_figure(numbers):
         assert 0 <= found["upper"] - found["lower"] <= 1e-8 * found["value"]
         assert np.all(np.diff([row["lower"] for row in rounds]) >= 0)
         assert np.all(np.diff([row["upper"] for row in rounds]) <= 0)
+        if full(numbers):
+            assert rounds[-1]["steps"] < 20 and found["upper"] - found["lower"] <= 1e-9 * found["value"]
+            witness = found["witness"]
+            used = np.array(witness["feet"])[np.array(witness["multipliers"]) > 0]
+            assert np.ptp(np.linalg.norm(used - witness["point"], axis=1)) < 1e-9
 
 
 def check_mesh_peers(numbers):
@@ -83,6 +114,9 @@ def check_lin03_spheres(numbers):
     assert numbers["pairs_that_print_alike"] > 0 and f"{numbers['line']['distance']:.4f}" == "2.0020"
     as_printed, as_read = np.split(np.array(numbers["printed_points_off"]), 2)
     assert as_printed.min() > 7e-4 and as_read.max() < 5e-5
+    if full(numbers):
+        alike = [np.any(np.abs(np.array(answer["distances"]) - 2.0020) < 5e-5) for answer in numbers["answers"]]
+        assert sum(alike) == 32 and len(alike) == 81 and f"{every.max():.4f}" == "2.0166"
 
 
 def check_lin03_transform(numbers):
@@ -92,6 +126,10 @@ def check_lin03_transform(numbers):
         exact, published = case["exact"], case["vector_propagation"]
         assert exact["wrong"] == 0 and exact["attained"] and max(exact["largest"], -exact["smallest"]) < 1e-12
         assert published["wrong"] < 1e-3 and published["largest"] < 0.1 and published["smallest"] > -1e-12
+        assert not full(numbers) or exact["seconds"] < case["scipy"]
+    printed, counted = (numbers["operations"][key] for key in ("printed", "counted"))
+    assert printed == {"shifts": 70, "additions": 110, "comparisons": 38}
+    assert counted == {**printed, "additions": 108}
 
 
 def check_surface_distances(numbers):
@@ -101,6 +139,12 @@ def check_surface_distances(numbers):
         assert pair["share"] > 1e-6 or pair["samples"]["off"] > 10 * (found["upper"] - found["lower"]), pair["name"]
         if pair["name"] == "torus, wider torus":
             assert found["lower"] <= 0.05 <= found["upper"]
+        if full(numbers):
+            assert pair["seconds"] < 2, pair["name"]
+            # In tolerances: patches, and the tori whose distance is constant.
+            least = 1e4 if pair["share"] == 1e-10 else 100 if pair["name"] == "torus, wider torus" else 0
+            assert pair["samples"]["off"] >= least * gap, pair["name"]
+            assert pair["share"] < 1e-4 or pair["samples"]["off"] < gap, pair["name"]
 
 
 def check_surface_bounds(numbers):
@@ -114,6 +158,12 @@ def check_surface_bounds(numbers):
             reached = search["gap"][-1] <= numbers["goal"]
             assert family == "jhd" or not reached or search["cells"][-1] > ours["cells"][-1], (name, family)
             assert family == "jhd" or name != "ridge" or search["gap"][-1] > 1e-5, family
+            assert family == "jhd" or name != "planes" or not reached, family
+        if full(numbers):
+            assert max(search["cells"][-1] for search in pair["searches"].values()) == 129
+            if name == "parallel":
+                moving = pair["searches"]["moving foot"]
+                assert moving["gap"][-1] <= numbers["goal"] and moving["cells"][-1] > 2 * ours["cells"][-1]
 
 
 def check_marching_cubes_check(numbers):
@@ -122,6 +172,14 @@ def check_marching_cubes_check(numbers):
         both_ways(mesh, dict.fromkeys(("to_surface", "to_mesh"), numbers["share"]))
     assert meshes[-1]["upper"] < meshes[0]["upper"] and numbers["power"] > 1
     assert meshes[-1]["to_mesh"]["lower"] <= 1.1 * meshes[-1]["to_surface"]["upper"]
+    if full(numbers):
+        ways = [[mesh[way] for way in ("to_surface", "to_mesh")] for mesh in meshes]
+        assert all(max(x["lower"] for x in pair) <= min(x["upper"] for x in pair) for pair in ways)
+        assert 1.9 < numbers["power"] < 1.95
+        for mesh, least, most in ((meshes[0], 1.14, 1.2), (meshes[-1], 0.91, 0.95)):
+            found = mesh["to_surface"]
+            assert least * found["upper"] < mesh["middles"] < most * found["lower"]
+        assert all(found["samples"]["value"] > 1.9 * found["upper"] for found in ways[-1])
 
 
 def check_tessellation_check(numbers):
@@ -129,6 +187,18 @@ def check_tessellation_check(numbers):
         both_ways(mesh, numbers["shares"])
         for way in numbers["shares"]:
             assert mesh[way]["lower"] <= mesh["promised"] <= mesh["asked"]
+    if full(numbers):
+        meshes = numbers["meshes"]
+        assert numbers["patches"] == 100
+        for mesh in meshes:
+            found = mesh["to_surface"]
+            assert 0.73 * mesh["promised"] < found["lower"] <= found["upper"] < 0.97 * mesh["promised"]
+        products = np.array([mesh["to_surface"]["upper"] * mesh["count"] for mesh in meshes])
+        assert np.max(np.abs(products / np.mean(products) - 1)) < 0.1
+        for way in numbers["shares"]:
+            coarse, fine = meshes[0][way], meshes[-1][way]
+            assert coarse["samples"]["value"] < 1.1 * coarse["lower"]
+            assert fine["samples"]["value"] > (39 if way == "to_surface" else 100) * fine["upper"]
 
 
 def check_certificates(numbers):
