@@ -77,6 +77,9 @@ class EVENTS(eqx.Enumeration):
 
     The sentences name curves. On other shapes, an end is a border of a surface or of its box, and a corner is an edge
     or a vertex of a mesh. For parametric surfaces and mixed pairs, b_end also stands for an antipodal pair.
+
+    The members are a_end, corner, b_end, antipodal, one_to_two and coincident. Compare with a member, as in
+    `solution.event == jhd.EVENTS.corner`; `jhd.EVENTS[solution.event]` is its sentence.
     """
 
     a_end = "The maximum is attained at a free end of a."
@@ -88,7 +91,7 @@ class EVENTS(eqx.Enumeration):
 
 
 class ANSWERS(eqx.Enumeration):
-    """Answers to the question whether a distance is at most a threshold."""
+    """Answers to the question whether a distance is at most a threshold: yes, no and undecided."""
 
     yes = "Certified: the distance is at most the threshold."
     no = "Certified: the distance is larger than the threshold."
@@ -96,7 +99,10 @@ class ANSWERS(eqx.Enumeration):
 
 
 class DIRECTIONS(eqx.Enumeration):
-    """The shape that carries the point that attains the Hausdorff distance."""
+    """The shape that carries the point that attains the Hausdorff distance.
+
+    The members are a_to_b and b_to_a. Compare with a member, as in `solution.direction == jhd.DIRECTIONS.b_to_a`.
+    """
 
     a_to_b = "The point lies on a, its foot points on b."
     b_to_a = "The point lies on b, its foot points on a."

@@ -235,6 +235,8 @@ class BSplineCurve(AbstractCurve):
         if is_traced(leaves):
             points, weights, jumps = unflattened(leaves)._pieces()
         else:
+            # An optimizer may have changed what the constructor checked.
+            _check_knots(np.asarray(self.knots), self.control_points.shape[0], self.periodic)
             # On the host: a function would be compiled for every number of points.
             with np.errstate(over="ignore", invalid="ignore"):
                 points, weights, jumps = unflattened([np.asarray(x) for x in leaves])._computed_pieces()

@@ -112,7 +112,7 @@ class BSplineSurface(AbstractPatch):
 
     @property
     def domain(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """First and last parameter in u, and first and last parameter in v."""
+        """The pairs (first u, last u) and (first v, last v) of parameters."""
         (p, q), (rows, columns) = self.degrees, self.control_points.shape[-3:-1]
         return (self.knots_u[p], self.knots_u[rows]), (self.knots_v[q], self.knots_v[columns])
 
@@ -135,6 +135,9 @@ class BSplineSurface(AbstractPatch):
         if is_traced(unit):
             pieces = _pieces(unit)
         else:
+            # An optimizer may have changed what the constructor checked.
+            _check_knots("knots_u", self.knots_u, "rows", self.control_points.shape[0])
+            _check_knots("knots_v", self.knots_v, "columns", self.control_points.shape[1])
             # On the host: a function would be compiled for every number of points.
             with np.errstate(over="ignore", invalid="ignore"):
                 pieces = _pieces(jax.tree_util.tree_map(np.asarray, unit))

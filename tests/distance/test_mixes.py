@@ -91,6 +91,15 @@ def test_flat_shapes_beside_a_plane_as_large_as_its_box_are_bounded_in_few_cells
         assert int(found.stats["cells"]) < 10
 
 
+@pytest.mark.slow
+def test_the_apex_of_a_mesh_is_a_corner_whatever_it_is_far_from():
+    apex = jhd.TriangleMesh([(0, 0, 1), (-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3), (0, 3, 1)])
+    for name in ("patch", "mesh"):
+        found = jhd.directed_hausdorff(apex, PLANES[name])
+        np.testing.assert_allclose(found.witness.point, [0, 0, 1], atol=1e-12)
+        assert name_of(found.witness.event) == "corner", name
+
+
 @pytest.mark.parametrize(
     ("a", "b"),
     swept([("patch", "mesh"), ("mesh", "patch"), ("patch", "patch"), ("polynomial", "mesh")]),

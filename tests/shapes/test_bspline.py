@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, make_interp_spline, splprep
 
+import jhd
 from jhd import BSplineCurve
+from jhd._results.solution import name_of
 from tests.sweeps import swept
 
 # A few roundings of numbers of size one, along chains of up to seven convex combinations.
@@ -496,3 +498,17 @@ def test_a_degree_in_the_place_of_an_array_is_named(arguments):
     place = ("knots", "weights")[len(arguments) - 1]
     with pytest.raises(TypeError, match=rf"{place} is 3; BSplineCurve\(\) takes no degree.*BSplineCurve\.clamped"):
         BSplineCurve(POINTS, *arguments)
+
+
+def test_knots_that_an_optimizer_has_let_decrease_are_refused():
+    curve = BSplineCurve(POINTS, CLOSED, periodic=True)
+    rows = np.random.default_rng(3).normal(size=(4, 4, 3))
+    surface = jhd.BSplineSurface.clamped(rows, (2, 2))
+    points = {2: jhd.point_set(POINTS), 3: jhd.point_set(rows[0])}
+    for shape, where, name in ((curve, lambda s: s.knots, "knots"), (surface, lambda s: s.knots_u, "knots_u")):
+        wrong = eqx.tree_at(where, shape, where(shape).at[3].set(-1.0))
+        distance = lambda shape: jhd.directed_hausdorff(points[shape.dim], shape, throw=False)  # noqa: E731
+        with pytest.raises(ValueError, match=rf"{name}\[3\] is -1; needs at least {name}\[2\]"):
+            distance(wrong)
+        found = jax.jit(distance)(wrong)
+        assert name_of(found.result) == "nonfinite_value" and float(found.upper) == np.inf

@@ -26,6 +26,7 @@ from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows
 from jhd._distance.normalization.net_jets import Net, eta, jet, part_of, point_error
 from jhd._distance.search.polished_place import SharpenedPlace
 from jhd._distance.search.row_batches import each, in_blocks
+from jhd._results.solution import EVENTS
 from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import compiled
 
@@ -74,6 +75,9 @@ class AbstractSource(ABC):
 
     Its cells have parameters; those of an implicit surface are coordinates.
     """
+
+    # The event of a farthest place on a border of a piece.
+    border_event = EVENTS.a_end
 
     @abstractmethod
     def cover(self) -> CellRows:
@@ -182,6 +186,8 @@ class MeshSource(AbstractSource):
     Args:
         corners: of the triangles, in common coordinates.
     """
+
+    border_event = EVENTS.corner
 
     def __init__(self, corners: np.ndarray):
         self._corners = corners

@@ -35,7 +35,10 @@ def sheet(width, depth, height):
 
 
 # A dome, and what bends over it more strongly, so that its top has two equally near feet.
-POINTS = [(0, 0, 0.5), (-0.4, 0.1, 0.3), (0.4, 0.1, 0.3), (0, -0.5, 0.1)], [(-0.8, 0, 1.3), (0.8, 0, 1.3), (0, 0.1, 2.1)]
+POINTS = (
+    [(0, 0, 0.5), (-0.4, 0.1, 0.3), (0.4, 0.1, 0.3), (0, -0.5, 0.1)],
+    [(-0.8, 0, 1.3), (0.8, 0, 1.3), (0, 0.1, 2.1)],
+)
 CURVES = (
     [(-0.6, 0, -0.1), (-0.2, 0.1, 0.6), (0.2, 0.1, 0.6), (0.6, 0, -0.1)],
     [(-1.0, 0, 0.2), (-0.9, 0.1, 2.6), (0.9, 0.1, 2.6), (1.0, 0, 0.2)],
@@ -83,4 +86,4 @@ def test_derivatives_lie_between_the_differences_to_both_sides(first, second):
             found = float(jax.grad(value)(u))
             assert sides[0] - CLOSE <= found <= sides[1] + CLOSE, (name, u, found, sides)
             kinks += u == 0 and sides[1] - sides[0] > 0.1
-    assert kinks
+    assert kinks or "implicit" in (first, second)
