@@ -5,7 +5,7 @@ Numbers by algsurf_table's experiment.
 Caption: The two cones of the paper: width of the interval against time, the intervals, cells kept on each level, and
 pairs a second. The printed interval [sqrt(17/32), sqrt(103/128)] belongs to 64 cells along the box, whose edge is 1/16;
 a tolerance of 1/64, as printed, would need 256 cells. BranchAndBound proves (sqrt(43) - 4) / 3 to eleven digits in
-about a second.
+less than a second.
 """
 
 from fractions import Fraction

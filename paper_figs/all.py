@@ -111,8 +111,9 @@ def _write_gallery(pictures: Path, results: Path, names: list[str]) -> None:
     for file in (file for name in names for file in common_gallery.pictures(pictures, name)):
         small = common_gallery.GALLERY / file.name
         with Image.open(file) as image:
-            height = round(image.height * common_gallery.SMALL_WIDTH / image.width)
-            drawn = image.convert("RGB").resize((common_gallery.SMALL_WIDTH, height), Image.Resampling.LANCZOS)
+            # All at one scale, so that letters are of one size.
+            size = tuple(round(x * common_gallery.SMALL_WIDTH / common_gallery.WIDTH) for x in image.size)
+            drawn = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
             # The median cut, which is the default, takes rare colors away, as those of thin lines are.
             few = drawn.quantize(common_gallery.SMALL_COLORS, Image.Quantize.MAXCOVERAGE)
             few.save(small, optimize=True)

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 # Color and marker of each distance.
 _LOOKS = {"largest": (BLUE, "o"), "smallest": (ORANGE, "D"), "decision": (VERMILLION, "^")}
 _NAMES = {"largest": "Hausdorff distance", "smallest": "smallest distance", "decision": "decision"}
-_PANELS = {"within": ("time of a check", "CPU time (s)"), "cells": ("cells", "number of cells")}
+_PANELS = {"within": ("checking", "CPU time (s)"), "cells": ("cells", "number of cells")}
 
 
 def main() -> None:

@@ -12,8 +12,9 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 GALLERY = HERE / "gallery"
 EXPERIMENTS = HERE.parent / "experiments"
-# Pixels of a small picture's width, and its colors: all of them together stay below 3 MB.
-SMALL_WIDTH, SMALL_COLORS = 800, 256
+# Pixels of the width of two columns, in a picture and in a small one, and the colors of that: all of them together stay
+# below 3 MB.
+WIDTH, SMALL_WIDTH, SMALL_COLORS = 2067, 800, 256
 
 # Experiments whose numbers README.md and experiments/README.md state; these are kept beside the small pictures.
 STATED = ("first_call", "collection_search", "duplicates", "workers")

@@ -291,6 +291,9 @@ def check_two_sided_trimming(numbers):
             assert abs(found["one"]["value"] - exact["value"]) <= allowed
             assert found["both"]["value"] <= exact["upper"] + allowed
     assert lost > 0
+    if full(numbers):
+        bumps = numbers["families"]["bumps"]["map"]
+        assert [bumps["lost"], len(numbers["trials"]["bumps"])] == [111, 150] and 0.985 < bumps["largest"] < 0.995
 
 
 def check_biarc_convergence(numbers):

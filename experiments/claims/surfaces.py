@@ -25,6 +25,13 @@ def check_ranges(numbers):
         least = ways["bernstein"]["levels"][-1]
         assert all(way["proven"] <= least <= way["levels"][-1] for way in ways.values())
         assert all(way["rate"] > 0 and way["seconds"] > 0 for way in ways.values())
+    if full(numbers):
+        kept = {
+            name: [ways[name]["levels"][-1] / ways[name]["proven"] for ways in numbers["surfaces"].values()]
+            for name in ("bernstein", "modified_affine", "interval")
+        }
+        assert max(kept["bernstein"]) < 1.03 and 8 < max(kept["interval"]) < 9.5
+        assert 1.02 < min(kept["modified_affine"]) and max(kept["modified_affine"]) < 1.35
 
 
 def check_spurious_cells(numbers):
@@ -49,6 +56,9 @@ def check_algsurf_table(numbers):
     assert all(holds(found, numbers["exact"]) for found in numbers["rules"])
     for found in numbers["rules"]:
         assert found["separable"] < numbers["paper"]["seconds"] / 1000
+    if full(numbers):
+        sharpest = numbers["search"][-1]
+        assert sharpest["upper"] - sharpest["lower"] < 1e-11 and sharpest["seconds"] < 1
 
 
 def check_surface_gallery(numbers):
