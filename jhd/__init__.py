@@ -282,3 +282,8 @@ def __getattr__(name: str) -> _Any:
     if name == "io":
         return _import_module("jhd.io")
     raise AttributeError(f"module 'jhd' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names, `io` among them before its first use."""
+    return [*__all__]

@@ -112,8 +112,8 @@ def _write_gallery(pictures: Path, results: Path, names: list[str]) -> None:
         small = common_gallery.GALLERY / file.name
         with Image.open(file) as image:
             # All at one scale, so that letters are of one size.
-            size = tuple(round(x * common_gallery.SMALL_WIDTH / common_gallery.WIDTH) for x in image.size)
-            drawn = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+            width, height = (round(x * common_gallery.SMALL_WIDTH / common_gallery.WIDTH) for x in image.size)
+            drawn = image.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
             # The median cut, which is the default, takes rare colors away, as those of thin lines are.
             few = drawn.quantize(common_gallery.SMALL_COLORS, Image.Quantize.MAXCOVERAGE)
             few.save(small, optimize=True)

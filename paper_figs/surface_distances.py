@@ -81,7 +81,8 @@ def _lit(ax: Any, a: Any, b: Any, top: float) -> np.ndarray:
     """The colors of the faces of a shape by their distances, darker the more a face is turned from the light."""
     pieces = pieces_of(a)
     colors = colormaps["viridis"](np.mean(distances_at(pieces.points, b, top)[pieces.rows], axis=1) / top)
-    normal = np.cross(*(pieces.corners[:, k] - pieces.corners[:, 0] for k in (1, 2)))
+    first, second = (pieces.corners[:, k] - pieces.corners[:, 0] for k in (1, 2))
+    normal = np.cross(first, second)
     length = np.linalg.norm(normal, axis=1)
     azimuth, height = np.radians([ax.azim, ax.elev])
     # From the left above the eye.

@@ -216,8 +216,8 @@ def test_the_init_file_of_the_package_holds_names_the_version_the_switch_to_floa
     later = [node.name for node in others if isinstance(node, ast.FunctionDef)]
     names = [ast.unparse(node.targets[0]) for node in others if isinstance(node, ast.Assign)]
     assert len(switches) == 2 and "jax_enable_x64" in ast.unparse(switches[0]) and ast.unparse(switches[1]) == known
-    assert later == ["__getattr__"]
-    assert set(names) <= {"__version__", "__all__"} and len(names) + 3 == len(others)
+    assert later == ["__getattr__", "__dir__"]
+    assert set(names) <= {"__version__", "__all__"} and len(names) + 4 == len(others)
 
 
 def test_every_function_and_class_that_has_no_leading_underscore_has_a_docstring():

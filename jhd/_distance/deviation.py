@@ -85,7 +85,11 @@ def deviation(
     - Between two meshes, the distance to the nearest face is the absolute value of an affine function. Its mean, mean
       square and quantiles have closed forms, also if the meshes cross. Cells are cut at changes of the nearest face and
       at crossings.
-    - Quantiles and fractions come from the same cells. Their bounds are as wide as the distance varies within a cell.
+    - Quantiles and fractions come from the same cells. Their bounds are as wide as the distance varies within a cell;
+      `rtol` covers only the quantile that you pass.
+
+    Scans that cross a curved `b` take minutes at the default tolerance: begin with `rtol=1e-2`. The largest deviation
+    lies at `maximum.witness.point`.
 
     The value of `maximum` (within about the root of its gap) and the distances of `at(params)` are differentiable in
     both shapes, to first order. Mean and bounds are plain numbers. The shapes must be concrete: deviation does not work
@@ -118,8 +122,8 @@ def deviation(
             or weights for a shape that is not a point set.
         ValueError: the dimensions differ, `b` has no point in its box, `a` has no length or area, or a tolerance is
             negative.
-        NotProvenError: the tolerance was not reached, or the search was interrupted, and `throw` is True. The exception
-            carries the Deviation, whose bounds are true.
+        NotProvenError: the tolerance was not reached, or the search was interrupted, and `throw` is True. The
+            `solution` of the exception is the Deviation, whose bounds are true.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     absolute, relative = _checked(a, b, atol, rtol, max_cells)

@@ -19,8 +19,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         successful = ""
     gap_not_closed = "The bounds are true but wider than the tolerance: raise max_steps, or raise atol or rtol."
     capacity_reached = (
-        "A queue of fixed length is full, so the result is true but wider or incomplete: raise capacity (in some calls "
-        "queue_size, max_cells or max_boxes), or atol or rtol."
+        "The search ran out of room, so the result is true but wider or incomplete: raise queue_size, max_cells, "
+        "max_boxes or capacity, whichever the call takes, or atol or rtol."
     )
     interrupted = "The search was interrupted: the bounds are true and not closed."
     fit_steps_exhausted = "The fit was still improving at its last step: raise max_steps."

@@ -81,7 +81,8 @@ class Witness(eqx.Module):
         feet_elements: indices of the segments, points, triangles or patches of the foot points; -1 on an implicit
             surface.
         feet_params: parameters of the foot points: one number each on curves and points (without meaning for points),
-            rows (u, v) on patches, rows of barycentric coordinates on meshes; NaN on an implicit surface.
+            rows (u, v) on patches (of a B-spline surface, on the one of `patches()` that `feet_elements` counts), rows
+            of barycentric coordinates on meshes; NaN on an implicit surface.
         multipliers: weights of the foot points in the gradient, at least 0, with sum one (0.5 each if undefined).
         event: the member of EVENTS that tells how the maximum arises.
         direction: the member of DIRECTIONS that tells which shape carries the point.

@@ -112,6 +112,8 @@ class Neighbors(eqx.Module):
 class PairsWithin(eqx.Module):
     """The pairs of shapes that are certified to be at most a threshold apart, in the order of their indices.
 
+    The search for a pair ends once it is decided, so its bounds may be far apart. Call `hausdorff` for the distance.
+
     Args:
         index: indices of the shapes of each pair, (pairs, 2).
         lower: certified lower bounds of their distances, (pairs,).

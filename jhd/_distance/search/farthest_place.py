@@ -39,8 +39,9 @@ _FAMILY, _SHARE = 1 << 15, 8
 COUNTS = "steps", "cells", "waiting"
 # Steps of the first stretch, and the seconds after which any of them ends with the step that it is in.
 _FIRST_STEPS, _SECONDS = 24, 0.2
-# The step after which the place is first polished with all its feet; then after twice as many, and so on.
-_POLISHED_FROM = 4
+# The step after which the place is first polished with all its feet; then after twice as many, and so on, or after
+# every step if so many cells wait: a step takes longer then.
+_POLISHED_FROM, _POLISHED_MANY = 4, 256
 # Places that are measured in a step: of the cells with the largest bounds, and of those that seem farthest. Where a
 # foot that was found is not the nearest a cell and its parts keep their bounds until this shows; most searches end
 # before the step from which on that is looked for.
@@ -354,7 +355,8 @@ class FarthestSearch(AbstractSearch):
         On a ridge, where two feet are as near, places of cells come no nearer to it than cells are wide, and the
         distance falls off as fast: without this cells had to be as small as the gap.
         """
-        due = state.steps >= _POLISHED_FROM and state.steps & (state.steps - 1) == 0
+        often = state.steps & (state.steps - 1) == 0 or len(state.waiting.upper) >= _POLISHED_MANY
+        due = state.steps >= _POLISHED_FROM and often
         if not due or state.best is None or not self._going(state):
             return state
         return state._replace(best=self._polished(state, state.best))
