@@ -21,7 +21,7 @@ _DIGITS = 16
 
 
 def code_of(script: Path) -> dict[str, str]:
-    """Sums of the source of a script with the modules that it shares with others, and of the package."""
+    """Sums of the code of a script with the modules that it shares, without docstrings, and of the package."""
     package = ROOT / "jhd"
     scripts = [(file, _without_docstrings(file).encode()) for file in _with_imports(script)]
     return {"script": _sum(scripts), "package": digest(sorted(package.rglob("*.py")))}

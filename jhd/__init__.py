@@ -286,4 +286,4 @@ def __getattr__(name: str) -> _Any:
 
 def __dir__() -> list[str]:
     """The public names, `io` among them before its first use."""
-    return [*__all__]
+    return [*__all__, "__version__"]

@@ -102,15 +102,17 @@ def bezier_pieces(h: Any, knots: Any, p: int, periodic: bool) -> tuple[Any, Any]
 
     It may where the multiplicity of the knot exceeds p, and before the first piece of an open curve there is nothing.
     Elsewhere a piece starts with the end of the one before it, so that rounding leaves no gap. NumPy's arrays are
-    worked on by NumPy. If knots decrease, as after a step of an optimizer, there is no spline: points are NaN.
+    worked on by NumPy. If knots decrease, as after a step of an optimizer, or the domain has no length,
+    there is no spline: points are NaN.
     """
     xp = module_of(h)
     span, lower, upper = spans(knots, p, periodic)
     pieces = bezier_points(*local_arrays(h, knots, p, span), lower, upper)
     count = span.shape[0]
     jumps = (knots[p : p + count] == knots[:count]) | ((np.arange(count) == 0) & (not periodic))
+    rising = xp.all(knots[1:] >= knots[:-1]) & (knots[p + count] > knots[p])
+    pieces = xp.where(rising, pieces, xp.nan)
     starts = xp.where(jumps[:, None], pieces[:, 0], xp.roll(pieces[:, -1], 1, axis=0))
-    pieces = xp.where(xp.any(knots[1:] < knots[:-1]), xp.nan, pieces)
     return xp.concatenate([starts[:, None], pieces[:, 1:]], axis=1), jumps
 
 

@@ -92,6 +92,17 @@ def test_flat_shapes_beside_a_plane_as_large_as_its_box_are_bounded_in_few_cells
 
 
 @pytest.mark.slow
+def test_a_farthest_point_on_a_ridge_of_an_implicit_surface_takes_few_cells():
+    # An ellipsoid under an arch, beside its plane of symmetry: two points of the arch are equally near.
+    surface = jhd.ImplicitSurface.parse("(x - 0.17)**2 + 1.5*y**2 + 2*(z - 0.1)**2 - 0.3", (-1.5,) * 3, (1.5,) * 3)
+    arch = jhd.BezierCurve([(-1.0, 0, 0.2), (-0.9, 0.1, 2.6), (0.9, 0.1, 2.6), (1.0, 0, 0.2)])
+    found = jhd.directed_hausdorff(surface, arch)
+    assert name_of(found.witness.event) == "one_to_two"
+    # The place has to be polished as soon as that leads to the ridge: 160 000 otherwise.
+    assert int(found.stats["cells"]) < 20_000
+
+
+@pytest.mark.slow
 def test_the_apex_of_a_mesh_is_a_corner_whatever_it_is_far_from():
     apex = jhd.TriangleMesh([(0, 0, 1), (-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3), (0, 3, 1)])
     for name in ("patch", "mesh"):

@@ -502,13 +502,22 @@ def test_a_degree_in_the_place_of_an_array_is_named(arguments):
 
 def test_knots_that_an_optimizer_has_let_decrease_are_refused():
     curve = BSplineCurve(POINTS, CLOSED, periodic=True)
+    steps = BSplineCurve(POINTS, np.arange(8.0))
     rows = np.random.default_rng(3).normal(size=(4, 4, 3))
     surface = jhd.BSplineSurface.clamped(rows, (2, 2))
     points = {2: jhd.point_set(POINTS), 3: jhd.point_set(rows[0])}
-    for shape, where, name in ((curve, lambda s: s.knots, "knots"), (surface, lambda s: s.knots_u, "knots_u")):
+    of_curve = lambda s: s.knots  # noqa: E731
+    for shape, where, name in (
+        (curve, of_curve, "knots"),
+        (steps, of_curve, "knots"),
+        (surface, lambda s: s.knots_u, "knots_u"),
+    ):
         wrong = eqx.tree_at(where, shape, where(shape).at[3].set(-1.0))
         distance = lambda shape: jhd.directed_hausdorff(points[shape.dim], shape, throw=False)  # noqa: E731
         with pytest.raises(ValueError, match=rf"{name}\[3\] is -1; needs at least {name}\[2\]"):
             distance(wrong)
         found = jax.jit(distance)(wrong)
         assert name_of(found.result) == "nonfinite_value" and float(found.upper) == np.inf
+    # Nor is there a spline over a domain of length zero.
+    found = jax.jit(distance)(eqx.tree_at(of_curve, curve, jnp.zeros_like(curve.knots)))
+    assert name_of(found.result) == "nonfinite_value" and float(found.upper) == np.inf

@@ -190,7 +190,10 @@ def _derivative(local: Array, axis: int) -> Array:
 
 
 def seems_convex(b: Side, place: Array, low: Array, high: Array, start: Array) -> Array:
-    """Whether L is proven convex over a cell and the foot of one place; if not, it is not for places around either."""
+    """Whether L is convex over a cell and the foot of one place. If not, it is not tried for the places around.
+
+    Nothing is proven by that: it decides which bounds are computed.
+    """
     foot = _first_foot(b, place, start, low, high)
     multiplier = _multipliers(b, place[:, None], foot)[0]
     slope, foot = slopes(jnp.asarray(b.coefficients), foot)[1][:, 0], foot[:, 0]
