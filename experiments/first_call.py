@@ -4,8 +4,8 @@ A script that asks for one distance pays for importing, tracing, compiling and t
 processes make one call: with JHD_CACHE=0; with an empty folder, which the call fills; and with the folder that the
 second one filled. CPU seconds (of all threads, user and system) from the end of `import jhd` to the answer, by phase:
 tracing and lowering, XLA, writing and reading programs, and the rest, which is the search and what is compiled around
-it. The two last entries are programs of the user's own, by `jax.jit`, which nothing is kept of; of those, and without a
-folder, phases are not told apart. A process with a folder is repeated, and the quickest counts: other work makes CPU
+it. The two last entries are programs of the user's own, by `jax.jit`: they call the kept search on the host. Without a
+folder phases are not told apart. A process with a folder is repeated, and the quickest counts: other work makes CPU
 seconds longer.
 
 Claims: the bounds are the same to the last bit in all three. With the folder filled distances of curves, surfaces and

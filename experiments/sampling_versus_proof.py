@@ -8,7 +8,8 @@ For each the two-sided Hausdorff distance by
 - shapely's `hausdorff_distance` of the polylines through such samples, plain and with densify=0.25. It takes the
   distances of the vertices of each line (with densify also of three points on every edge) to the other line, exactly;
   what it misses lies between these points, and between the curves and their chords, where densify does not help;
-- `jhd.hausdorff` within jax.jit, at tolerances from 1e-2 to 1e-12 of the diagonal.
+- `jhd.hausdorff` within jax.jit, with the search in the program (`jhd.searches_in_program`), at tolerances from 1e-2 to
+  1e-12 of the diagonal.
 
 Errors are against the bounds proven at the last tolerance; errors and gaps are in diagonals of the box of both curves.
 Samples and lines are made beforehand, for free. All run in one process on one core; times are medians, warm.
@@ -71,6 +72,7 @@ class Pair(NamedTuple):
         return jhd.BranchAndBound(atol=jnp.asarray(tolerance * self.diagonal))
 
 
+@jhd.searches_in_program()
 def main() -> None:
     """Computes, saves and prints."""
     run = Run(__file__, __doc__, one_core=True)

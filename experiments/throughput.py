@@ -3,7 +3,8 @@
 Random pairs of two kinds: single cubics, with normal control points; and closed cubic B-splines of 30 control points,
 two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, proven to 1e-10 of the diagonal,
 
-- of a batch of 1 to 1 024 pairs (64 to 8 192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
+- of a batch of 1 to 1 024 pairs (64 to 8 192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`, with
+  the search in the program (`jhd.searches_in_program`);
 - one by one, by one compiled program;
 - one by one, by plain calls.
 
@@ -61,6 +62,7 @@ class Answer(NamedTuple):
     steps: Any
 
 
+@jhd.searches_in_program()
 def main() -> None:
     """Computes, saves and prints."""
     # Plugins of JAX are accelerators. To ask JAX itself would start its threads, before they are kept to one core.

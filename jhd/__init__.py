@@ -37,8 +37,8 @@ bound only. `AlgebraicEvents` and `BiarcTrimming` solve for all candidate events
 **Why do my arrays have 64 bits?** Bounds of 1e-10 need float64, and JAX switches it on globally. With
 `JAX_ENABLE_X64=0` in the environment, jhd computes in float32. The bounds stay true, and become wider.
 
-**Why does the first call take seconds?** It compiles. Plain calls on CPUs keep their compiled functions on disk, and
-other processes read them: see `jhd doctor`. `jhd precompile plane` compiles in advance.
+**Why does the first call take seconds?** It compiles. On CPUs the compiled searches are kept on disk, and other
+processes read them: see `jhd doctor`. `jhd precompile plane` compiles in advance.
 
 **What does gap_not_closed mean?** The bounds are true, but the search ended before they met. Raise `max_steps`, or
 pass a larger `atol`. If whole regions are equally far, for example on a shape and its offset, the work grows as the gap
@@ -46,9 +46,10 @@ shrinks.
 
 **How do I get a result instead of an exception?** Pass `throw=False` and read `ok`, or `result`, a member of `RESULTS`.
 
-**Can I use it inside `jit`, `vmap` and `grad`?** Yes. Searches for points and curves, and for two implicit surfaces,
-become part of the compiled function; the others are called on the host. Shapes may be arguments, closed over, or built
-inside.
+**Can I use it inside `jit`, `vmap` and `grad`?** Yes. On CPUs the compiled function calls the search on the host, where
+it is compiled already; a batch uses all cores. On GPUs searches for points and curves, and for two implicit surfaces,
+become part of the compiled function; `searches_in_program` has the same effect on CPUs, for example for `jax.export`.
+Shapes may be arguments, closed over, or built inside.
 
 **How do I fit in my own loop, for example with optax?** To noisy points, minimize the mean square of
 `project(points, shape).distance`; see `experiments/tour/optax_loop.py`. To a shape, minimize `hausdorff(...).value`,
@@ -155,6 +156,7 @@ from jhd._results.solution import (  # noqa: E402
     StationaryPoints,
     Witness,
 )
+from jhd._runtime.compiled import searches_in_program  # noqa: E402
 from jhd._shapes import (  # noqa: E402
     Approximation,
     BezierCurve,
@@ -265,6 +267,7 @@ __all__ = [
     "distance_profile",
     "project",
     "pivot_distances",
+    "searches_in_program",
     "signed_distance",
     "signed_distance_transform",
     "soft_hausdorff",

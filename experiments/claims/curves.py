@@ -194,13 +194,14 @@ def check_first_call(numbers):
         without, first, second = (entry[way] for way in ("without", "first", "second"))
         assert without["bounds"] == first["bounds"] == second["bounds"]
         assert without["read"] == first["read"] == without["phases"]["writing"] == 0 < first["compiled"]
-        # Programs of the caller's own jit are JAX's to keep.
+        # Programs of the caller's own jit are JAX's to keep; the search that they call is kept.
         if name.startswith("jit"):
-            assert second["read"] == 0 < second["compiled"]
+            assert second["read"] > 0 and second["compiled"] > 0
+            assert not full(numbers) or second["seconds"] < 0.35 * without["seconds"], name
         else:
             assert second["read"] > 0 and second["compiled"] < first["compiled"] and first["phases"]["writing"] > 0
             fraction = second["seconds"] / without["seconds"]
-            assert not full(numbers) or fraction < (0.25 if name == "fit_curve" else 0.15), name
+            assert not full(numbers) or fraction < (0.25 if name == "fit_curve" else 0.2), name
         if name in ("two cubics", "two rational cubics", "cones", "meshes"):
             assert second["compiled"] == 0
 

@@ -35,8 +35,9 @@ def directed_hausdorff(
 
     The result refers to the stored numbers (Bezier segments, coefficients, triangles), taken as real numbers.
 
-    Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. Meshes,
-    parametric surfaces and mixed pairs are searched by a host call, also under jit.
+    Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. On CPUs the
+    compiled function calls the search on the host (see `searches_in_program`). Meshes, parametric surfaces and mixed
+    pairs are searched on the host on all devices.
 
     The value is differentiable twice in all arrays of both shapes. `jax.grad` of a function of a curve or a surface
     returns a shape of the same class, whose arrays are the derivatives. CubeIntervals() has no derivatives.

@@ -68,7 +68,7 @@ def minimum_distance(
       the surfaces.
     - Two meshes, or a mesh with points or a polyline, use a host search. It measures the relevant pairs of triangles in
       rational arithmetic: the bounds are adjacent floats, and meshes that meet have `upper` 0. Only if very many pairs
-      are equally near does the tolerance apply. Under jit and vmap the compiled function calls this search on the host.
+      are equally near does the tolerance apply. Under jit and vmap this search runs on the host on all devices.
     - Next to other shapes, triangles are handled as patches. Next to an implicit surface, the triangles that may be
       nearest are selected first, so thousands of pieces are possible. If an edge of a large mesh crosses the surface,
       `upper` is 0 up to the smallest floats.

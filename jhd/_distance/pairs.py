@@ -14,9 +14,11 @@ import jax.numpy as jnp
 from jaxtyping import Array
 from typing_extensions import override
 
+from jhd._distance.cells.surfaces import FEET
 from jhd._distance.normalization.coordinates import Frame, reported
 from jhd._distance.normalization.curves import prepare
-from jhd._distance.normalization.directions import TracedSearch, in_turn, larger, larger_of_forms
+from jhd._distance.normalization.directions import TracedSearch, in_turn, larger, larger_of_forms, scanned
+from jhd._distance.normalization.host_callback import AnswerForm, by_kept_program
 from jhd._distance.normalization.method import (
     AbstractCurveMethod,
     AbstractHausdorffMethod,
@@ -37,7 +39,7 @@ from jhd._distance.search.points import is_points
 from jhd._distance.search.search import Listener, Standing, drive
 from jhd._distance.search.solutions import CoveredPair, target
 from jhd._distance.search.surface_candidates import looked_at
-from jhd._distance.witness.derivative import with_derivatives
+from jhd._distance.witness.derivative import WitnessState, state_of, with_derivatives
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
 from jhd._results.solution import DIRECTIONS, HausdorffSolution, in_direction
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
@@ -58,6 +60,10 @@ class AbstractPair(ABC):
     # Leads from the coordinates of the search to the user's; None where these are the same.
     _frame: Any = None
 
+    def __init__(self) -> None:
+        # What a traced search told besides its solution, by whether it was turned.
+        self._told: dict[bool, Any] = {}
+
     def length(self, value: Array, toward: float | None = None) -> Any:
         """A length in the coordinates of the search."""
         return value if self._frame is None else self._frame.common(value, toward)
@@ -76,7 +82,8 @@ class AbstractPair(ABC):
         """Both directions as they are measured; without a level only what exceeds the first matters of the second."""
         search = self.traced_search(level, ceiling)
         if search is not None:
-            return in_turn(search, level, ceiling)
+            (there, self._told[False]), (back, self._told[True]) = in_turn(search, level, ceiling)
+            return there, back
         there = self.measured(level=level, ceiling=ceiling)
         return there, self.measured(turned=True, level=there.lower if level is None else level, ceiling=ceiling)
 
@@ -123,6 +130,7 @@ class CurvePair(AbstractPair):
     """Two curves in common coordinates, where nothing is differentiated."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        super().__init__()
         self._method = method
         self._given = a.segments(), b.segments()
         p, q = self._given
@@ -139,7 +147,9 @@ class CurvePair(AbstractPair):
         method, direction = self._method, _direction(turned)
         # Inside jit all operations are traced, those on known numbers too.
         if is_tracing(a, b, method, aim):
-            return in_direction(method.directed(a, b, self._frame, aim), direction)
+            found = by_kept_program(_curve, self._answers(), ((method, self._frame), (a, b), aim))
+            solution, self._told[turned] = found
+            return in_direction(solution, direction)
         if isinstance(method, BranchAndBound):
             wanted = wanted_of(method, a, self._frame, aim)
             search = CurveSearch(a, b, wanted, direction, length_of_table(method, a), method.max_steps)
@@ -155,12 +165,18 @@ class CurvePair(AbstractPair):
         alike = a.control_points.shape == b.control_points.shape
         if not (alike and is_tracing(a, b, method, numbers)):
             return None
-        run = lambda common, pair, aim: common[0].directed(*pair, common[1], aim)  # noqa: E731
-        return TracedSearch(run, (method, frame), (a, b), (b, a))
+        return TracedSearch(_curves, (method, frame), (a, b), (b, a), self._answers(2))
+
+    def _answers(self, *batch: int) -> Any:
+        """Shapes and types of answers of the default method; None for others, which are traced."""
+        if not isinstance(self._method, BranchAndBound):
+            return None
+        dtype, dim = self._a.control_points.dtype, self._a.dim
+        return AnswerForm(dtype, dim, 2, (), (), ("steps", "cells")).like(*batch), WitnessState.like(dtype, dim, *batch)
 
     @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        return with_derivatives(solution, *self._given, self._frame)
+        return with_derivatives(solution, *self._given, self._frame, self._told)
 
     @override
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
@@ -171,6 +187,7 @@ class SurfacePair(AbstractPair):
     """Two implicit surfaces in common coordinates, where nothing is differentiated."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        super().__init__()
         self._method, self._given = method, (a, b)
         self._targets, self._frame = _targets(*self._given)
         self._listener = Listener(progress, self._frame)
@@ -180,7 +197,8 @@ class SurfacePair(AbstractPair):
         pair = self._targets.turned() if turned else self._targets.pair()
         aim, method, direction = aim_at(level, ceiling, self._frame.center.dtype), self._method, _direction(turned)
         if is_tracing(pair, method, aim):
-            return method.directed_surfaces(pair, self._frame, aim, direction)
+            found, _ = by_kept_program(_surface, self._answers(), ((method, self._frame), pair, aim))
+            return in_direction(found, direction)
         wanted, capacity = wanted_of(method, pair.a, self._frame, aim), length_of_table(method, pair.a)
         return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
 
@@ -189,8 +207,11 @@ class SurfacePair(AbstractPair):
         there, back, method, frame = self._targets.pair(), self._targets.turned(), self._method, self._frame
         if not is_tracing(there, method, numbers):
             return None
-        run = lambda common, pair, aim: common[0].directed_surfaces(pair, common[1], aim, _direction(False))  # noqa: E731
-        return TracedSearch(run, (method, frame), there, back)
+        return TracedSearch(_surfaces, (method, frame), there, back, self._answers(2))
+
+    def _answers(self, *batch: int) -> Any:
+        counts = "steps", "cells", "waiting", "measured"
+        return AnswerForm(self._frame.center.dtype, 3, FEET, (), (), counts).like(*batch), ()
 
     @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
@@ -201,6 +222,7 @@ class MixedPair(AbstractPair):
     """Two shapes of any kinds, in their own coordinates; a measured distance has its derivatives already."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        super().__init__()
         self._method, self._listener = method, Listener(progress)
         self._given = tuple(working(shape) for shape in (a, b))
         p, q = self._given
@@ -222,6 +244,7 @@ class CubePair(AbstractPair):
     """Two implicit surfaces as the cells of CubeIntervals, in their own coordinates."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        super().__init__()
         self._method = method
         self._first, self._second, self._scale = method.cells_of(a, b, progress)
 
@@ -260,6 +283,25 @@ def _in_one_go(
     method: AbstractCurveMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
 ) -> HausdorffSolution:
     return method.directed(a, b, frame, aim)
+
+
+def _curve(common: Any, pair: Any, aim: Aim) -> tuple[HausdorffSolution, WitnessState]:
+    method, frame = common
+    found = method.directed(*pair, frame, aim)
+    return found, state_of(found.witness, *pair)
+
+
+def _curves(common: Any, given: Any, aim: Aim, rising: Array) -> tuple[HausdorffSolution, WitnessState]:
+    return scanned(_curve, common, given, aim, rising)
+
+
+def _surface(common: Any, pair: Any, aim: Aim) -> tuple[HausdorffSolution, tuple]:
+    method, frame = common
+    return method.directed_surfaces(pair, frame, aim, _direction(False)), ()
+
+
+def _surfaces(common: Any, given: Any, aim: Aim, rising: Array) -> tuple[HausdorffSolution, tuple]:
+    return scanned(_surface, common, given, aim, rising)
 
 
 def _direction(turned: bool) -> Any:

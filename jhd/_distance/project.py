@@ -12,9 +12,8 @@ Source: Cao et al. 2014, equation (10), with its indices corrected.
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,8 +24,17 @@ from jhd._distance.nearest.blocks import blocks_of, in_groups, is_long, nearest_
 from jhd._distance.nearest.curves import NearestOnCurve, in_chunks, repeated
 from jhd._distance.nearest.feet import is_held
 from jhd._distance.nearest.stationarity import roots_on
-from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of, origin
+from jhd._distance.normalization.coordinates import (
+    Frame,
+    common_points,
+    extremes,
+    frame_of,
+    origin,
+    user_length,
+    user_place,
+)
 from jhd._distance.normalization.curves import padded_count, replaced, trusted, usable
+from jhd._distance.normalization.host_callback import from_host, like_result, of_known_rows
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import piece_of
 from jhd._distance.project_methods import AbstractProjectionMethod, BestFirstProjection, failed, how_closed
@@ -36,16 +44,20 @@ from jhd._distance.witness.active import stationary
 from jhd._distance.witness.derivative import projection_with_derivatives
 from jhd._distance.witness.mesh_feet import project_on_mesh
 from jhd._results.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
-from jhd._runtime.arrays import array_of, check_whole, is_traced, real_array, undifferentiated
-from jhd._runtime.compiled import compiled, optimized
+from jhd._runtime.arrays import array_of, check_whole, is_traced, module_of, real_array, undifferentiated
+from jhd._runtime.compiled import calls_host, compiled, optimized
+from jhd._runtime.sharding import is_partitioned
 from jhd._shapes.as_shape import ShapeLike, check_rows_first, check_shape, taken_as
-from jhd._shapes.checks import Numbers
+from jhd._shapes.checks import Numbers, usable_numbers
 from jhd._shapes.curve import BezierSegments, check_curve
 from jhd._shapes.implicit import ImplicitSurface
+from jhd._shapes.joints import followed_here
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 
-# Numbers of queries that programs are compiled for; more are done in blocks of the last size.
+# Queries of a block that a CPU takes one by one: it may as well be filled in part.
+_ROWS = 256
+# Numbers of queries that other programs are compiled for; more are done in blocks of the last size.
 _BLOCKS = (1, 16, 128, 1024)
 # The same of long curves, which are prepared for each block.
 _LONG_BLOCK = 4096
@@ -78,8 +90,9 @@ def project(
       leaves its patch open: within 1e-7 of the size of the patch, or 1e-6 for points a hundred sizes away. Gradients
       can be off by as much there.
 
-    Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. Surfaces are
-    searched by a host call, also under jit.
+    Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. On CPUs the
+    compiled function calls the search on the host (see `searches_in_program`). Surfaces are searched on the host on all
+    devices.
 
     >>> import jhd
     >>> found = jhd.project([(1, 2), (5, 0)], jhd.polyline([(0, 0), (2, 0)]))
@@ -120,8 +133,8 @@ def project(
         names = ", ".join(f"{name}Projection" for name in accepted)
         raise TypeError(f"method must be one of {names} for curves; got {type(method).__name__}.")
     queries, curve = _checked(points, shape)
-    projection = _in_blocks(_project_block, method, *undifferentiated((queries, curve)))
-    return _finished(projection_with_derivatives(projection, queries, curve), throw)
+    rows = _for_each(_nearest_to, _form_of_projection(curve), method, *undifferentiated((queries, curve)))
+    return _finished(projection_with_derivatives(Projection(*rows), queries, curve), throw)
 
 
 def _finished(projection: Projection, throw: bool) -> Projection:
@@ -161,7 +174,8 @@ def stationary_points(points: Numbers, curve: ShapeLike, *, capacity: int = 32, 
     check_rows_first("stationary_points", points)
     check_whole("capacity", capacity, 1)
     queries, segments = _checked(points, curve)
-    found = _in_blocks(_stationary_block, capacity, queries, segments)
+    rows = _for_each(_StationaryTo(capacity), _form_of_stationary(capacity, segments), (), queries, segments)
+    found = StationaryPoints(*rows)
     if throw:
         throw_unless_successful(found)
     return found
@@ -179,62 +193,137 @@ def _checked(points: Numbers, shape: Any) -> tuple[Array, BezierSegments]:
     return queries, curve
 
 
-def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: BezierSegments) -> Any:
-    """Results of a jitted kernel for all queries: scaled by a power of two, in blocks of a few sizes when concrete.
+class _ProjectedRow(NamedTuple):
+    """The fields of a Projection, of one query or in rows."""
 
-    The kernel takes the option, queries, the curve padded by repetition, and how many of its segments are not padding.
+    distance: Any
+    lower: Any
+    upper: Any
+    foot: Any
+    segment: Any
+    t: Any
+    result: Any
+
+
+class _StationaryRow(NamedTuple):
+    """The fields of StationaryPoints."""
+
+    segment: Any
+    t: Any
+    lower: Any
+    upper: Any
+    distance: Any
+    valid: Any
+    result: Any
+
+
+def _for_each(one: Callable[..., Any], answer: Any, option: Any, queries: Array, curve: BezierSegments) -> Any:
+    """Results for all queries, in the user's coordinates.
+
+    Args:
+        one: from the option, the curve padded by repetition, how many of its segments are not padding, and a query, all
+            scaled by a power of two, to a result; a function of this module, or a named tuple that can be called.
+        answer: shapes and types of a result, as jax.ShapeDtypeStruct.
+        option: a pytree of constants.
+        queries: (..., dim).
+        curve: the curve.
     """
-    batch, traced = queries.shape[:-1], is_traced(queries, curve)
-    xp = jnp if traced else np
-    good = usable(curve)
-    curve = replaced(curve, good)
-    flat, points = xp.asarray(queries).reshape(-1, curve.dim), xp.asarray(curve.control_points)
-    if traced:
-        good = good & jnp.all(jnp.isfinite(flat), axis=-1)
-        flat = jnp.where(good[:, None], flat, 0.0)
-    frame = frame_of([extremes(flat), extremes(points)], center=origin)
-    flat, points = common_points(frame, flat), common_points(frame, points)
-    count = curve.count if traced else padded_count(curve.count, small=len(flat) > _FEW)
+    batch, flat = queries.shape[:-1], queries.reshape(-1, curve.dim)
+    if not is_traced(flat, curve):
+        known = jax.tree_util.tree_map(np.asarray, (flat, curve))
+        found = jax.tree_util.tree_map(array_of, _of_known(one, answer, option, *known))
+    elif calls_host() and not is_partitioned((flat, curve)):
+        like = jax.tree_util.tree_map(lambda s: jax.ShapeDtypeStruct((len(flat), *s.shape), s.dtype), answer)
+        found = from_host(partial(_of_known, one, answer, option), like, flat, curve, rows=True)
+    else:
+        good = usable(curve) & jnp.all(jnp.isfinite(flat), axis=-1)
+        scaled = _scaled(jnp.where(good[:, None], flat, 0.0), replaced(curve, usable(curve)), curve.count)
+        found = _finite(_unscaled(_block(one, option, *scaled[:2], curve.count), scaled[2]), good)
+    return jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found)
+
+
+def _of_known(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndarray, curve: BezierSegments) -> Any:
+    """Results for known queries in rows."""
+    good = usable_numbers(curve.control_points, curve.weights) & np.all(np.isfinite(flat), axis=-1)
+    if not np.any(good):
+        return _finite(jax.tree_util.tree_map(lambda s: np.zeros((len(flat), *s.shape), s.dtype), answer), good)
+    flat = np.where(good[:, None], flat, 0.0)
+    flat, padded, frame = _scaled(flat, curve, padded_count(curve.count, small=len(flat) > _FEW))
+    used = np.asarray(curve.count)
+    if calls_host() and not _in_groups(option, padded):
+        found = of_known_rows(one, answer, flat, (option, padded, used), _ROWS)
+    else:
+        found = _by_blocks(one, option, used, flat, padded)
+    return _finite(_unscaled(found, frame), good)
+
+
+def _scaled(queries: Any, curve: BezierSegments, count: int) -> tuple[Any, BezierSegments, Frame]:
+    """Queries and the curve, padded by repetition, scaled by a power of two; and the way back."""
+    points = module_of(queries).asarray(curve.control_points)
+    frame = frame_of([extremes(queries), extremes(points)], center=origin)
+    queries, points = common_points(frame, queries), common_points(frame, points)
     index = np.minimum(np.arange(count), curve.count - 1)
     weights = None if curve.weights is None else unit_weights(curve.weights)[index]
-    scaled = trusted(points[index], weights, xp.asarray(curve.next_segment)[index])
-    if traced:
-        found = [kernel(option, flat, scaled, curve.count)]
-    else:
-        # In blocks of a long curve neighbors are searched together.
-        order: Any = _order(flat) if is_long(scaled) else slice(None)
-        flat = flat[order]
-        size = next((b for b in _BLOCKS if b >= len(flat)), _LONG_BLOCK if is_long(scaled) else _BLOCKS[-1])
-        padded = flat[np.minimum(np.arange(-(-len(flat) // size) * size), len(flat) - 1)]
-        used = np.asarray(curve.count)
-        found = [kernel(option, rows, scaled, used) for rows in padded.reshape(-1, size, curve.dim)]
-    joined = jax.tree_util.tree_map(lambda *parts: xp.concatenate(parts)[: len(flat)], *found)
-    if traced:
-        joined = _marked(joined, good)
-    elif is_long(scaled):
-        back = np.argsort(order)
-        joined = jax.tree_util.tree_map(lambda x: x[back], joined)
-    joined = jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), joined)
-    return jax.tree_util.tree_map(array_of, _unscaled(joined, frame))
+    return (
+        queries,
+        trusted(points[index], weights, module_of(queries).asarray(followed_here(curve.links))[index]),
+        frame,
+    )
 
 
-def _marked(found: Any, good: Array) -> Any:
+def _in_groups(option: Any, curve: BezierSegments) -> bool:
+    """Whether queries that lie near each other are searched together."""
+    return isinstance(option, BestFirstProjection) and is_long(curve)
+
+
+def _by_blocks(one: Callable[..., Any], option: Any, used: Any, queries: Any, curve: BezierSegments) -> Any:
+    """Results for known queries, padded by repetition to blocks of a few sizes."""
+    together = _in_groups(option, curve)
+    order: Any = _order(queries) if together else slice(None)
+    size = next((b for b in _BLOCKS if b >= len(queries)), _LONG_BLOCK if together else _BLOCKS[-1])
+    rows = queries[order][np.minimum(np.arange(-(-len(queries) // size) * size), len(queries) - 1)]
+    found = [_block(one, option, block, curve, used) for block in rows.reshape(-1, size, curve.dim)]
+    joined = jax.tree_util.tree_map(lambda *parts: np.concatenate(parts)[: len(queries)], *found)
+    return jax.tree_util.tree_map(lambda x: x[np.argsort(order)], joined) if together else joined
+
+
+def _finite(found: Any, good: Any) -> Any:
     """Results with distances that claim nothing, and their own code, for queries that were no numbers."""
-    result = jax.vmap(lambda g, r: result_where(g, r, RESULTS.nonfinite_value))(good, found.result)
-    if isinstance(found, StationaryPoints):
-        valid = found.valid & good[:, None]
-        return eqx.tree_at(lambda p: (p.valid, p.result), found, (valid, result))
-    numbers = ((found.distance, jnp.inf), (found.lower, 0.0), (found.upper, jnp.inf))
-    chosen = tuple(jnp.where(good, x, y) for x, y in numbers)
-    return eqx.tree_at(lambda p: (p.distance, p.lower, p.upper, p.result), found, (*chosen, result))
+    xp = module_of(good)
+    if xp is np and np.all(good):
+        return found
+    result = jax.tree_util.tree_map(lambda x, y: xp.where(good, x, y), found.result, RESULTS.nonfinite_value)
+    if isinstance(found, _StationaryRow):
+        return found._replace(valid=found.valid & good[:, None], result=result)
+    ends = ((found.distance, np.inf), (found.lower, 0.0), (found.upper, np.inf))
+    distance, lower, upper = (xp.where(good, x, y) for x, y in ends)
+    return found._replace(distance=distance, lower=lower, upper=upper, result=result)
 
 
 def _unscaled(found: Any, frame: Frame) -> Any:
-    if isinstance(found, StationaryPoints):
-        return eqx.tree_at(lambda s: s.distance, found, frame.length(found.distance))
-    lengths = (frame.length(found.distance), frame.length(found.lower, 0.0), frame.length(found.upper, math.inf))
-    where = lambda p: (p.distance, p.lower, p.upper, p.foot)  # noqa: E731
-    return eqx.tree_at(where, found, (*lengths, frame.place(found.foot)))
+    distance = user_length(frame, found.distance, None)
+    if isinstance(found, _StationaryRow):
+        return found._replace(distance=distance)
+    lower, upper = user_length(frame, found.lower, 0.0), user_length(frame, found.upper, math.inf)
+    return found._replace(distance=distance, lower=lower, upper=upper, foot=user_place(frame, found.foot))
+
+
+def _form_of_projection(curve: BezierSegments) -> _ProjectedRow:
+    """Shapes and types of the result for one query."""
+    number, whole, result = _forms(curve)
+    return _ProjectedRow(number(), number(), number(), number(curve.dim), whole(), number(), result)
+
+
+def _form_of_stationary(capacity: int, curve: BezierSegments) -> _StationaryRow:
+    number, whole, result = _forms(curve)
+    some, valid = number(capacity), jax.ShapeDtypeStruct((capacity,), bool)
+    return _StationaryRow(whole(capacity), some, some, some, some, valid, result)
+
+
+def _forms(curve: BezierSegments) -> tuple[Any, Any, Any]:
+    number = lambda *shape: jax.ShapeDtypeStruct(shape, curve.control_points.dtype)  # noqa: E731
+    whole = lambda *shape: jax.ShapeDtypeStruct(shape, jnp.result_type(int))  # noqa: E731
+    return number, whole, like_result()
 
 
 _places = compiled(places)
@@ -247,35 +336,43 @@ def _order(points: Any) -> np.ndarray:
     return np.argsort(np.asarray(_places(rows))[:count])
 
 
-@optimized
-def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments, _: Any) -> Projection:
-    skip = repeated(curve.control_points, curve.weights)
-
-    def at(point: Array, found: NearestOnCurve, result: Any) -> Projection:
-        piece = piece_of(curve, found.segment)
-        # Distances are as good as they get where the parameter is off by the root of that; one step mends it.
-        t = stationary(found.t, point, piece, is_held(point, piece, found.t))
-        t = jnp.where(jnp.abs(t - found.t) < _MENDED, jnp.clip(t, 0.0, 1.0), found.t)
-        return Projection(found.distance, found.lower, found.upper, jet(*piece, t).point, found.segment, t, result)
-
-    def of_group(points: Array) -> Projection:
-        found = nearest_in_blocks(blocks, points)
-        return jax.vmap(at)(points, found, jax.vmap(how_closed)(found))
-
-    if isinstance(method, BestFirstProjection) and is_long(curve):
-        blocks = blocks_of(curve)
-        return in_groups(of_group, queries)
-    return in_chunks(lambda point: at(point, *method.one(point, curve, skip)), queries, _CHUNK)
-
-
 @partial(optimized, static=(0,))
-def _stationary_block(capacity: int, queries: Array, curve: BezierSegments, used: Any) -> StationaryPoints:
-    # A segment that repeats the one before it has stationary parameters of its own; only padding has none.
-    skip = jnp.arange(curve.count) >= used
-    return in_chunks(lambda p: _stationary_of(p, curve, skip, capacity), queries, _CHUNK)
+def _block(one: Callable[..., Any], option: Any, queries: Array, curve: BezierSegments, used: Any) -> Any:
+    """Results for some queries."""
+    if not _in_groups(option, curve):
+        return in_chunks(lambda query: one(option, curve, used, query), queries, _CHUNK)
+    blocks = blocks_of(curve)
+
+    def of_group(points: Array) -> _ProjectedRow:
+        found = nearest_in_blocks(blocks, points)
+        return jax.vmap(partial(_projection, curve))(points, found, jax.vmap(how_closed)(found))
+
+    return in_groups(of_group, queries)
 
 
-def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: int) -> StationaryPoints:
+def _nearest_to(method: AbstractProjectionMethod, curve: BezierSegments, _: Any, query: Array) -> _ProjectedRow:
+    return _projection(curve, query, *method.one(query, curve, repeated(curve.control_points, curve.weights)))
+
+
+def _projection(curve: BezierSegments, point: Array, found: NearestOnCurve, result: Any) -> _ProjectedRow:
+    piece = piece_of(curve, found.segment)
+    # Distances are as good as they get where the parameter is off by the root of that; one step mends it.
+    t = stationary(found.t, point, piece, is_held(point, piece, found.t))
+    t = jnp.where(jnp.abs(t - found.t) < _MENDED, jnp.clip(t, 0.0, 1.0), found.t)
+    return _ProjectedRow(found.distance, found.lower, found.upper, jet(*piece, t).point, found.segment, t, result)
+
+
+class _StationaryTo(NamedTuple):
+    """The stationary points of a query, at most so many."""
+
+    capacity: int
+
+    def __call__(self, _: Any, curve: BezierSegments, used: Any, query: Array) -> _StationaryRow:
+        # A segment that repeats the one before it has stationary parameters of its own; only padding has none.
+        return _stationary_of(query, curve, jnp.arange(curve.count) >= used, self.capacity)
+
+
+def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: int) -> _StationaryRow:
     """Stationary parameters of one query over all segments, the first `capacity` of them."""
     per_segment = min(capacity, 4 * (curve.degree + 1)) if curve.degree else 2
     roots = jax.vmap(lambda k: roots_on(point, curve, k, max(per_segment, 16)))(jnp.arange(curve.count))
@@ -290,7 +387,7 @@ def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: i
     distance = jnp.where(_padded(valid[order], capacity), length(at - point), jnp.inf)
     full = (jnp.sum(valid) > capacity) | jnp.any(failed(roots.result))
     result = result_where(full, RESULTS.capacity_reached, RESULTS.successful)
-    return StationaryPoints(
+    return _StationaryRow(
         chosen, middle, pick(lower, 1.0), pick(upper, 0.0), distance, _padded(valid[order], capacity), result
     )
 

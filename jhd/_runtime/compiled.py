@@ -54,6 +54,8 @@ _LESS = "fewer points or segments at once, or a smaller capacity of the method, 
 _programs: WeakSet[Any] = WeakSet()
 _changing = threading.Lock()
 _calls = itertools.count()
+# Whether searches become part of the program that is traced, instead of calls of the host; JAX has a trace for either.
+_in_program: Any = jax.make_user_context(False)
 # Asked before a program is compiled.
 _permission: ContextVar[Callable[[], object] | None] = ContextVar("permission", default=None)
 
@@ -66,6 +68,44 @@ def asking(permission: Callable[[], object]) -> Iterator[None]:
         yield
     finally:
         _permission.reset(token)
+
+
+@contextmanager
+def searches_in_program(enabled: bool = True) -> Iterator[None]:
+    """Compile searches into the functions that are traced in this context, instead of calling them on the host.
+
+    On CPUs a function under `jax.jit` calls `hausdorff`, `directed_hausdorff`, `minimum_distance` and `project` on the
+    host. The host has the compiled search on disk, and computes a batch on all cores. Use this context if the function
+    must not call the host: for `jax.export`, or to keep the function in the compilation cache of JAX. Its first call
+    then compiles the search, which takes about ten seconds. On GPUs searches of curves and of implicit surfaces are
+    always compiled in. Meshes, parametric surfaces and mixed pairs are always searched on the host.
+
+    A function that is called in the context and outside is traced for either. `JHD_HOST_CALLS=0` in the environment has
+    the effect of the context on the whole process.
+
+    >>> import jax
+    >>> import jhd
+    >>> circle, segment = jhd.circle([0, 0], 1.0), jhd.polyline([(0, 3), (1, 3)])
+    >>> with jhd.searches_in_program():
+    ...     value = jax.jit(lambda shape: jhd.minimum_distance(shape, segment).value)(circle)
+    >>> round(float(value), 9)
+    2.0
+
+    Args:
+        enabled: whether searches are compiled in; False restores calls of the host within an outer context.
+
+    Returns:
+        A context manager, which also serves as a decorator.
+    """
+    with _in_program(enabled):
+        yield
+
+
+def calls_host() -> bool:
+    """Whether functions traced here may call kept programs on the host."""
+    if _in_program.value or os.getenv("JHD_HOST_CALLS") == "0":
+        return False
+    return jax.default_backend() == "cpu" and jax.process_count() == 1
 
 
 def _ask() -> None:
@@ -214,8 +254,8 @@ class _Kept:
         device = _device()
         try:
             kinds = [(x.shape, np.dtype(x.dtype), x.weak_type) for x in like]
-            # One name serves both devices.
-            with jax.default_device(None):
+            # One name serves both devices, and calls in either context.
+            with jax.default_device(None), searches_in_program():
                 context: Any = trace_context()  # pyright: ignore[reportOptionalCall]
                 name = name_of_program(self._function, tree, kinds, context, (constants, self._level))
         except NotKeptError as error:
@@ -247,7 +287,8 @@ class _Kept:
         # A cache of JAX's that knows it by this name only has no older version, which could not be kept here.
         flat.__name__ = short_name(name).replace("-", "_")
         program = jax.jit(flat, compiler_options=_options(self._level))
-        with _uncollected():
+        # A program that calls the host cannot be kept.
+        with _uncollected(), searches_in_program():
             return program.lower(*like).compile(), made
 
 

@@ -180,6 +180,8 @@ def _plain(value: Any) -> str:
         return f"{type(value).__name__}:{value!r}"
     if isinstance(value, type):
         return _class(value)
+    if isinstance(value, jax.tree_util.PyTreeDef):
+        return f"structure:{_structure(value)}"
     if isinstance(value, np.dtype):
         return f"dtype:{value.str}:{value.name}"
     if type(value) in (tuple, list, dict, set, frozenset):
@@ -188,6 +190,8 @@ def _plain(value: Any) -> str:
         return f"{type(value).__name__}({','.join(sorted(parts) if isinstance(value, set | frozenset) else parts)})"
     if isinstance(value, enum.Enum):
         return f"{_class(type(value))}.{value.name}"
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return f"{_class(type(value))}({','.join(map(_plain, value))})"
     if isinstance(value, types.FunctionType) and is_ours(value):
         return f"function:{value.__module__}.{value.__qualname__}:{_constants(value.__module__)}"
     return _object(value)

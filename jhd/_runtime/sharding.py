@@ -33,6 +33,16 @@ def shared_by_devices(function: Callable[..., _R]) -> Callable[..., _R]:
     return lambda *args: single(*args) if _may_be_shared(args) else function(*args)
 
 
+def is_partitioned(values: Any) -> bool:
+    """Whether arrays lie on several devices in a way in which a program cannot call the host.
+
+    Within jax.shard_map over all axes of a mesh each device calls by itself.
+    """
+    meshes = [jax.typeof(x).sharding.mesh for x in jax.tree_util.tree_leaves(values)]
+    kinds = [set(mesh.axis_types) for mesh in meshes]
+    return any(AxisType.Explicit in kind or (AxisType.Manual in kind and len(kind) > 1) for kind in kinds)
+
+
 def _may_be_shared(values: Any) -> bool:
     """Whether arrays are on explicit axes of a mesh; those of a batch are not told from those of its members."""
     meshes = [jax.typeof(x).sharding.mesh for x in jax.tree_util.tree_leaves(values)]

@@ -1,6 +1,7 @@
 """Checks of control points, weights and parameters, common to all curves and parametric surfaces."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +9,7 @@ from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 from typing_extensions import TypeAliasType
 
-from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.arrays import is_traced, module_of, real_array
 from jhd._shapes.foreign import ConvertsToArray
 
 # Nested to the depth of the control points of patches. Text is a sequence of text, so the alias must not be recursive.
@@ -114,13 +115,14 @@ def checked_parameter(name: str, t: Numbers) -> Array:
     return value
 
 
-def usable_numbers(control_points: Array, weights: Array | None) -> Array:
-    """Whether points are finite, and weights finite, positive and within the largest ratio; for traced values."""
-    good = jnp.all(jnp.isfinite(control_points))
+def usable_numbers(control_points: Any, weights: Any) -> Any:
+    """Whether points are finite, and weights finite, positive and within the largest ratio; those of NumPy at once."""
+    xp: Any = module_of(control_points)
+    good = xp.all(xp.isfinite(control_points))
     if weights is None:
         return good
-    least, most = jnp.min(weights), jnp.max(weights)
-    return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(weights.dtype) <= least)
+    least, most = xp.min(weights), xp.max(weights)
+    return good & (least > 0) & (most < xp.inf) & (most / largest_weight_ratio(weights.dtype) <= least)
 
 
 def empty_surface(name: str = "") -> ValueError:

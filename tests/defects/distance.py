@@ -112,8 +112,8 @@ DEFECTS = [
             "test_the_witness_moves_as_differences_say",
         ),
         (
-            "attached(found, found.distance > 0, distance=distance)",
-            "attached(found, distance=distance)",
+            "usable._replace(distance=usable.distance & (known.distance > 0))",
+            "usable",
             "test_a_point_on_the_curve_has_gradient_zero",
         ),
     ),

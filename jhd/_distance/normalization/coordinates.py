@@ -39,7 +39,7 @@ class Frame(eqx.Module):
 
     def place(self, x: Any) -> Array:
         """Points in the user's coordinates."""
-        return array_of(_place(self, x))
+        return array_of(user_place(self, x))
 
     def scale(self, dtype: DTypeLike) -> Array:
         """The power of two that brings lengths of the user's to the common unit."""
@@ -77,10 +77,13 @@ def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
     if is_traced(good):
         value, lower, upper = (jnp.where(good, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf)))
         solution = replace(solution, result=result_where(good, solution.result, RESULTS.nonfinite_value))
-    return with_lengths(solution, value, lower, upper, _place(frame, witness.point), _place(frame, witness.feet))
+    return with_lengths(
+        solution, value, lower, upper, user_place(frame, witness.point), user_place(frame, witness.feet)
+    )
 
 
-def _place(frame: Frame, x: Any) -> Any:
+def user_place(frame: Frame, x: Any) -> Any:
+    """As `place` of the frame; numbers that are known are left on the host."""
     return times_two_to(times_two_to(x, frame.second) + frame.center, frame.first)
 
 

@@ -9,31 +9,35 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd._arithmetic.rounding import ordered
+from jhd._distance.normalization.host_callback import by_kept_program
 from jhd._distance.normalization.stopping import Aim, aim_at
 from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, result_where
 from jhd._runtime.arrays import varying
 from jhd._runtime.compiled import compiled
-from jhd._runtime.sharding import shared_by_devices
+
+Run = Callable[[Any, Any, Aim], tuple[HausdorffSolution, Any]]
 
 
 class TracedSearch(NamedTuple):
     """A search that is traced, and what it takes.
 
     Args:
-        run: of what both directions have in common, of what is given for one, and of an aim.
-        common: what they have in common.
+        both: `scanned` with a function for one direction, as a function of a module.
+        common: what the directions have in common.
         there: for the direction from a to b.
         back: for the other one, arrays of the same shapes.
+        answers: shapes and types of the answers for both; None for a search that is always traced.
     """
 
-    run: Callable[[Any, Any, Aim], HausdorffSolution]
+    both: Callable[[Any, Any, Aim, Array], tuple[HausdorffSolution, Any]]
     common: Any
     there: Any
     back: Any
+    answers: Any
 
 
-def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[HausdorffSolution, HausdorffSolution]:
-    """Both directions by one traced search, which is compiled once and run twice.
+def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[Any, Any]:
+    """Both directions by one traced search, which is compiled once and run twice: solutions, and what is told of them.
 
     Args:
         search: the search.
@@ -42,17 +46,30 @@ def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[HausdorffSo
     """
     given = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), search.there, search.back)
     dtype = jnp.result_type(*(x for x in jax.tree_util.tree_leaves(given) if jnp.issubdtype(x.dtype, jnp.floating)))
+    rising = jnp.asarray(level is None)
+    aim = aim_at(level, ceiling, dtype)
+    found = by_kept_program(search.both, search.answers, (search.common, given, aim, rising))
+    (first, of_first), (second, of_second) = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
+    return (in_direction(first, DIRECTIONS.a_to_b), of_first), (in_direction(second, DIRECTIONS.b_to_a), of_second)
 
-    def both(common: Any, given: Any, aim: Aim) -> HausdorffSolution:
-        def one(least: Any, pair: Any) -> tuple[Any, HausdorffSolution]:
-            solution = search.run(common, pair, Aim(least, aim.ceiling))
-            return solution.lower if level is None else least, solution
 
-        return jax.lax.scan(one, jnp.asarray(varying(aim.level, given)), given)[1]
+def scanned(run: Run, common: Any, given: Any, aim: Aim, rising: Array) -> tuple[HausdorffSolution, Any]:
+    """The answers for both directions; of the second one what exceeds the first counts where the level rises.
 
-    found = shared_by_devices(both)(search.common, given, aim_at(level, ceiling, dtype))
-    first, second = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
-    return in_direction(first, DIRECTIONS.a_to_b), in_direction(second, DIRECTIONS.b_to_a)
+    Args:
+        run: of what both directions have in common, of what is given for one, and of an aim; gives a solution, and what
+            else is told of it.
+        common: what they have in common.
+        given: for either direction.
+        aim: of the first direction.
+        rising: whether the lower bound of the first direction is the level of the second.
+    """
+
+    def one(least: Any, pair: Any) -> tuple[Any, Any]:
+        solution, told = run(common, pair, Aim(least, aim.ceiling))
+        return jnp.where(rising, solution.lower, least), (solution, told)
+
+    return jax.lax.scan(one, jnp.asarray(varying(aim.level, given)), given)[1]
 
 
 @compiled

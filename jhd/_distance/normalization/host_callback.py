@@ -5,11 +5,21 @@ shapes. Only `answer_in_program` differentiates, since the locations that a stat
 numbers of the shapes: a function that is differentiated calls once for the answer and for the gradient of its value.
 Of a batch the calls run one after the other; where only points of one shape differ, they are one call.
 
+Searches that could be traced as well run there by kept programs (`by_kept_program`): nothing of them is compiled with
+the function, and blocks of a batch are shared by all cores.
+
+On CPUs a call gets the memory of its arguments (`buffer_callback`). `jax.pure_callback` makes arrays of them, for which
+it may wait for a thread of the device while all threads wait for calls like it.
+
 A call computes on a device of its own (`host_device`): the compiled function that waits for it may occupy all threads
 of its device. JAX would choose the function's device, and what runs on a chosen device is not kept on disk.
 """
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
+from math import prod
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,9 +27,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import eval_context
+from jax.experimental.buffer_callback import buffer_callback
+from jaxtyping import Array
 
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+from jhd._runtime.arrays import array_of, is_traced, varying
+from jhd._runtime.compiled import calls_host, compiled, optimized
 from jhd._runtime.jax_internals import host_device
+from jhd._runtime.sharding import is_partitioned, shared_by_devices
+
+# Members of a batch that one program takes, one after the other. An eighth of them is worth a call, so that the cores
+# finish at about the same time.
+_BLOCK = 32
 
 
 def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bool = False) -> Any:
@@ -45,8 +64,18 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
                 return _by_rows(called, like, ranks, values)
             return jax.tree_util.tree_map(lambda x, s: x.reshape(s.shape), called(*values), like)
 
+    arguments = jax.lax.stop_gradient(arguments)
     method = "expand_dims" if rows else "sequential"
-    return jax.pure_callback(known, like, *jax.lax.stop_gradient(arguments), vmap_method=method)
+    if jax.default_backend() != "cpu":
+        return jax.pure_callback(known, like, *arguments, vmap_method=method)
+
+    def filled(_: Any, out: Any, *values: Any) -> None:
+        # Copies: what is kept of the arguments must not change with the memory of the function.
+        found = known(*jax.tree_util.tree_map(lambda x: np.asarray(x).copy(), values))
+        for place, x in zip(*map(jax.tree_util.tree_leaves, (out, found)), strict=True):
+            np.asarray(place)[...] = x
+
+    return buffer_callback(filled, like, vmap_method=method)(*arguments)
 
 
 def _by_rows(function: Callable[..., Any], like: Any, ranks: list[int], values: Any) -> Any:
@@ -94,6 +123,178 @@ def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes:
     return from_host(host, forms, shapes, *options)
 
 
+def by_kept_program(
+    function: Callable[..., Any], answer: Any, own: tuple, shared: tuple = (), block: int = _BLOCK
+) -> Any:
+    """What a traceable function gives for traced arrays: on CPUs by its kept program on the host, else traced.
+
+    Args:
+        function: of the shared arguments, then of its own; one of a module of this package, or a named tuple of
+            constants that can be called.
+        answer: shapes and types of its answer, as jax.ShapeDtypeStruct; None for functions that are always traced.
+        own: arguments, pytrees of arrays that are not differentiated.
+        shared: arguments that are handed over once for a batch wherever they have no axis of it.
+        block: members of a batch that one call of the program takes at most.
+    """
+    if answer is None or not calls_host() or is_partitioned((own, shared)):
+        return shared_by_devices(function)(*shared, *own)
+    rows, row = (packed(jax.lax.stop_gradient(x)) for x in (own, shared))
+    forms = form_of(shared), form_of(own)
+    length = _length(form_of(answer), rows.dtype)
+    like = jax.ShapeDtypeStruct((1, length), rows.dtype)
+    found = from_host(partial(answers, function, forms, length, block), like, rows[None], row, rows=True)
+    return varying(unpacked(form_of(answer), found[0]), (own, shared))
+
+
+def of_known_rows(function: Callable[..., Any], answer: Any, rows: np.ndarray, shared: tuple, block: int) -> Any:
+    """The same of known rows, each of which is the own argument of a member of a batch; shared by all cores."""
+    row = packed(jax.tree_util.tree_map(np.asarray, shared))
+    forms, form = (form_of(shared), form_of((rows[0],))), form_of(answer)
+    return unpacked(form, answers(function, forms, _length(form, rows.dtype), block, rows, row))
+
+
+def like_result() -> Any:
+    """The shape and type of a member of RESULTS."""
+    return _like_result
+
+
+class Packing(NamedTuple):
+    """How arrays lie in one row of numbers: their structure, shapes and types."""
+
+    tree: Any
+    kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]
+
+
+def form_of(values: Any) -> Packing:
+    """The packing of arrays."""
+    leaves, tree = jax.tree_util.tree_flatten(values)
+    return Packing(tree, tuple((x.shape, np.dtype(x.dtype)) for x in leaves))
+
+
+def _length(form: Packing, row: np.dtype) -> int:
+    wide = jnp.result_type(int).itemsize // row.itemsize
+    return sum((1 if _is_real(kind) else wide) * prod(shape) for shape, kind in form.kinds)
+
+
+def _is_real(kind: np.dtype) -> bool:
+    return kind.kind in "fV"  # types that NumPy does not have, such as bfloat16, are of kind V
+
+
+def packed(values: Any) -> Any:
+    """All numbers in one row: each array that is handed to the host takes as long as a short step of a search.
+
+    Whole numbers lie there bit by bit.
+    """
+    leaves = jax.tree_util.tree_leaves(values)
+    kind = jnp.result_type(float, *(x.dtype for x in leaves if _is_real(x.dtype)))
+    xp: Any = jnp if is_traced(leaves) else np
+
+    def row(x: Any) -> Any:
+        if _is_real(x.dtype):
+            return xp.ravel(x).astype(kind)
+        whole = xp.ravel(x).astype(jnp.result_type(int))
+        return whole.view(kind) if xp is np else jnp.ravel(jax.lax.bitcast_convert_type(whole, kind))
+
+    return xp.concatenate([xp.zeros(0, kind), *map(row, leaves)])
+
+
+def unpacked(form: Packing, rows: Any) -> Any:
+    """The arrays of a row, or of rows with axes in front."""
+    leaves, start, batch, whole = [], 0, rows.shape[:-1], jnp.result_type(int)
+    for shape, kind in form.kinds:
+        real = _is_real(kind)
+        each = 1 if real else whole.itemsize // rows.dtype.itemsize
+        part = rows[..., start : start + each * prod(shape)]
+        start += each * prod(shape)
+        if not real and isinstance(part, np.ndarray):
+            part = np.ascontiguousarray(part).view(whole)
+        elif not real:
+            part = jax.lax.bitcast_convert_type(part if each == 1 else part.reshape(*batch, -1, each), whole)
+        leaves.append(part.reshape(*batch, *shape).astype(kind))
+    return form.tree.unflatten(leaves)
+
+
+def answers(
+    function: Callable[..., Any],
+    forms: tuple[Packing, Packing],
+    length: int,
+    block: int,
+    rows: np.ndarray,
+    shared: np.ndarray,
+) -> np.ndarray:
+    """The packed answers to packed arguments, by the kept program of a function.
+
+    Args:
+        function: as in `by_kept_program`.
+        forms: of its shared arguments, and of its own.
+        length: of an answer.
+        block: rows that one call takes at most.
+        rows: its own arguments.
+        shared: the shared ones.
+    """
+    if len(rows) == 1:
+        with jax.default_device(host_device()):
+            return np.asarray(_one(function, forms, rows[0], shared))[None]
+    step = max(block // 8, min(block, len(rows) // (4 * cores())))
+    out, blank = np.empty((len(rows), length), rows.dtype), np.zeros((block, length), rows.dtype)
+
+    def some(start: int) -> None:
+        part = rows[start : start + step]
+        filled = np.concatenate([part, np.broadcast_to(part[-1], (block - len(part), part.shape[1]))])
+        found = _many(function, forms, np.asarray(len(part)), blank, filled, shared)
+        out[start : start + step] = np.asarray(found)[: len(part)]
+
+    on_all_cores(some, range(0, len(rows), step))
+    return out
+
+
+@partial(compiled, static=(0, 1))
+def _one(function: Callable[..., Any], forms: tuple[Packing, Packing], own: Array, shared: Array) -> Any:
+    return packed(function(*unpacked(forms[0], shared), *unpacked(forms[1], own)))
+
+
+@partial(optimized, static=(0, 1))
+def _many(
+    function: Callable[..., Any], forms: tuple[Packing, Packing], count: Any, blank: Array, rows: Array, shared: Array
+) -> Array:
+    """The answers for the first `count` rows of a block, each as soon as the one before it is finished."""
+    given = unpacked(forms[0], shared)
+
+    def member(k: Any, out: Any) -> Any:
+        return out.at[k].set(packed(function(*given, *unpacked(forms[1], rows[k]))))
+
+    return jax.lax.fori_loop(0, count, member, blank)
+
+
+def cores() -> int:
+    """How many threads may compute at a time."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def on_all_cores(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+    """What `work` gives for each item, on the device for calls of the host; the waiting thread takes part."""
+    device, found, left = host_device(), [None] * len(items), iter(range(len(items)))
+    wide = jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
+
+    def some(_: int = 0) -> None:
+        with jax.default_device(device), jax.enable_x64(wide):
+            for k in left:
+                found[k] = work(items[k])
+
+    helpers = min(cores(), len(items)) - 1
+    if helpers < 1:
+        some()
+        return found
+    with ThreadPoolExecutor(helpers) as pool:
+        others = pool.map(some, range(helpers))
+        some()
+        list(others)
+    return found
+
+
+_like_result: Any = jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct((), x.dtype), RESULTS.successful)
+
+
 class AnswerForm(NamedTuple):
     """The form of every answer of a search: its precision, dimension, feet, shapes of both parameters, and counts."""
 
@@ -106,21 +307,32 @@ class AnswerForm(NamedTuple):
 
     def refused(self, result: Any = RESULTS.nonfinite_value) -> HausdorffSolution:
         """What is answered about shapes that are none."""
-        number = lambda x, *shape: jnp.full(shape, x, self.dtype)  # noqa: E731
-        none = jnp.array(0)
+        # Operations of JAX would be compiled for it.
+        number = lambda x, *shape: array_of(np.full(shape, x, self.dtype))  # noqa: E731
+        none = array_of(np.zeros((), jnp.result_type(int)))
         witness = Witness(
             element=none,
             t=number(jnp.nan, *self.t),
             point=number(jnp.nan, self.dim),
             feet=number(jnp.nan, self.feet, self.dim),
-            feet_elements=jnp.zeros(self.feet, int),
+            feet_elements=array_of(np.zeros(self.feet, jnp.result_type(int))),
             feet_params=number(jnp.nan, self.feet, *self.params),
-            multipliers=number(0.0, self.feet).at[0].set(1.0),
+            multipliers=array_of(np.eye(1, self.feet, dtype=self.dtype)[0]),
             event=EVENTS.coincident,
             direction=DIRECTIONS.a_to_b,
         )
         stats = {name: none for name in self.counts}
         return HausdorffSolution(number(jnp.inf), number(0.0), number(jnp.inf), witness, result, stats)
+
+    def like(self, *batch: int) -> Any:
+        """Shapes and types of an answer, or of so many answers."""
+        return jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct((*batch, *x.shape), x.dtype), _example(self))
+
+
+@lru_cache(maxsize=64)
+def _example(form: AnswerForm) -> HausdorffSolution:
+    with eval_context():
+        return form.refused()
 
 
 def answer_in_program(

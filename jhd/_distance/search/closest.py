@@ -21,6 +21,7 @@ from jhd._arithmetic.scaling import length
 from jhd._distance.cells.pairs import BestPair, Cell, PairBound, Parametric
 from jhd._distance.cells.tracked_feet import PairProblem
 from jhd._distance.normalization.coordinates import Frame, diagonal
+from jhd._distance.normalization.host_callback import like_result
 from jhd._distance.normalization.net_jets import Net, eta, point_error
 from jhd._distance.normalization.stopping import default_tolerance
 from jhd._distance.search.branch_and_bound import BranchAndBound
@@ -107,6 +108,15 @@ class Outcome(NamedTuple):
     point_b: Array
     result: Any
     stats: dict[str, Array]
+
+    @classmethod
+    def like(cls, dtype: Any, parameters: int, dim: int) -> "Outcome":
+        """Shapes and types of the outcome for nets with so many parameters together."""
+        number: Any = lambda *shape: jax.ShapeDtypeStruct(shape, dtype)  # noqa: E731
+        whole: Any = jax.ShapeDtypeStruct((), jnp.result_type(int))
+        best = BestPair(number(), number(), whole, whole, number(parameters))
+        stats = {name: whole for name in ("steps", "pairs", "waiting")}
+        return cls(best, number(), number(), number(dim), number(dim), like_result(), stats)
 
     def solution(self, frame: Frame) -> MinimumSolution:
         """What is handed to the user, in the coordinates that the frame leads back to."""

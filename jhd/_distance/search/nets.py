@@ -1,7 +1,7 @@
 """Minimum distances of curves and parametric surfaces: in one compiled function under tracing, else from the host."""
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +10,7 @@ from jaxtyping import Array
 from jhd._arithmetic.rounding import gamma
 from jhd._distance.cells.pairs import Parametric
 from jhd._distance.normalization.coordinates import extremes
+from jhd._distance.normalization.host_callback import by_kept_program
 from jhd._distance.normalization.net_jets import Net, jet, point_error
 from jhd._distance.normalization.nets import net_of, prepare_nets
 from jhd._distance.search.branch_and_bound import BranchAndBound
@@ -47,7 +48,10 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -
     wanted = wanted_gap([extremes(net.points) for net in (p, q)], frame, method, problem.floor)
     # Inside jit all operations are traced, those on known numbers too.
     if is_tracing(problem, wanted):
-        found = in_one_go(partial(_all_pairs, counts, method.queue_size), _outcome, problem, wanted, method.max_steps)
+        search = _TracedMinimum(counts, method.queue_size, method.max_steps)
+        found = by_kept_program(
+            search, Outcome.like(p.points.dtype, p.parameters + q.parameters, p.dim), (problem, wanted)
+        )
     else:
         pairs, valid = _near_pairs(p, q, counts)
         begun = partial(_begun, problem, pairs, valid, room_for(len(pairs), method.queue_size))
@@ -62,6 +66,18 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -
         found = drive(search, Listener(progress, frame))
     best = found.best
     return with_pair_derivatives(found.solution(frame), nets, (best.piece_a, best.piece_b), best.x, best.distance)
+
+
+class _TracedMinimum(NamedTuple):
+    """The search from all pairs of so many pieces, in one program."""
+
+    counts: tuple[int, int]
+    capacity: int
+    max_steps: int
+
+    def __call__(self, problem: Parametric, wanted: WantedGap) -> Outcome:
+        """The outcome for a problem."""
+        return in_one_go(partial(_all_pairs, self.counts, self.capacity), _outcome, problem, wanted, self.max_steps)
 
 
 def _all_pairs(counts: tuple[int, int], capacity: int, problem: Parametric) -> ClosestState:

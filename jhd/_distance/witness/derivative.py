@@ -16,16 +16,17 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from jhd._arithmetic.scaling import common_exponent, scale_of, unit_weights
 from jhd._distance.nearest.feet import is_held
 from jhd._distance.normalization.coordinates import Frame
 from jhd._distance.normalization.curves import elevation_matrix
-from jhd._distance.normalization.custom_derivatives import at_rest, attached
+from jhd._distance.normalization.custom_derivatives import at_rest
 from jhd._distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
 from jhd._distance.normalization.jets import jet
-from jhd._distance.normalization.pieces import Piece
+from jhd._distance.normalization.pieces import Piece, piece_of
 from jhd._distance.witness import active
 from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
 from jhd._runtime.arrays import is_traced
@@ -57,17 +58,63 @@ class _Touched(NamedTuple):
     feet: _Rows
 
 
-def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSegments, frame: Frame) -> Any:
+class WitnessState(NamedTuple):
+    """A witness as the solution of its active system, in common coordinates.
+
+    Args:
+        y: parameters of the witness and of both feet.
+        pulls: unit vectors from the feet to the witness, times the multipliers.
+        held: which of the parameters are held.
+        two: whether both feet count.
+    """
+
+    y: Array
+    pulls: Array
+    held: Array
+    two: Array
+
+    @classmethod
+    def like(cls, dtype: Any, dim: int, *batch: int) -> "WitnessState":
+        """Shapes and types of a state, or of so many."""
+        form: Any = lambda kind, *shape: jax.ShapeDtypeStruct((*batch, *shape), kind)  # noqa: E731
+        return cls(form(dtype, 3), form(dtype, 2, dim), form(bool, 3), form(bool))
+
+
+def state_of(witness: Witness, a: BezierSegments, b: BezierSegments) -> WitnessState:
+    """The state of a witness on a, both curves in common coordinates."""
+    first, second = witness.feet_elements
+    return _state((piece_of(a, witness.element), piece_of(b, first), piece_of(b, second)), witness)
+
+
+def with_derivatives(
+    solution: HausdorffSolution, a: BezierSegments, b: BezierSegments, frame: Frame, states: Any = None
+) -> Any:
     """The solution and its directions, with values and witnesses differentiable in both curves.
 
     All lengths and places are in the user's coordinates.
+
+    Args:
+        solution: what was found.
+        a: the one curve.
+        b: the other one.
+        frame: of the common coordinates.
+        states: of the witnesses if they are known, by whether the direction is that from b to a.
     """
     if not is_traced(a, b):
         return solution
     solution = on_device(solution)
-    # Whatever is asked for: all in one, as each call under a derivative costs a millisecond.
-    each = (solution, *(solution.directions or ()))
-    return with_answers(solution, _found(tuple((s.value, s.witness) for s in each), a, b, frame))
+    numbers = tuple((s.value, s.witness) for s in (solution, *(solution.directions or ())))
+    turned = solution.direction == DIRECTIONS.b_to_a
+    if not states:
+        # Whatever is asked for: all in one, as each call under a derivative costs a millisecond.
+        return with_answers(solution, _found(numbers, a, b, frame))
+    if solution.directions is None:
+        own = tuple(states.values())
+        return with_answers(solution, _found(numbers, a, b, frame, own))
+    others = states[False], states[True]
+    own = (jax.tree_util.tree_map(lambda x, y: jnp.where(turned, y, x), *others),)
+    # Apart, since the directions are seldom asked for, and only what is asked for is compiled.
+    return with_answers(solution, (*_found(numbers[:1], a, b, frame, own), *_found(numbers[1:], a, b, frame, others)))
 
 
 def moving(value: Array, witness: Witness, a: BezierSegments, b: BezierSegments, frame: Frame) -> tuple[Array, Witness]:
@@ -77,14 +124,14 @@ def moving(value: Array, witness: Witness, a: BezierSegments, b: BezierSegments,
 
 
 def _found(
-    given: tuple[tuple[Array, Witness], ...], a: BezierSegments, b: BezierSegments, frame: Frame
+    given: tuple[tuple[Array, Witness], ...], a: BezierSegments, b: BezierSegments, frame: Frame, states: Any = None
 ) -> tuple[_Answer, ...]:
-    """The answers as functions of both curves."""
+    """The answers as functions of both curves; the states of their witnesses may be known."""
     answers = tuple(_Answer(value, w.t, w.point, w.feet, w.feet_params) for value, w in given)
     parts = tuple(
         tuple(_Touched(_rows(curve, w.element), _rows(curve, w.feet_elements)) for curve in (a, b)) for _, w in given
     )
-    return following(_moving, answers, parts, (tuple(w for _, w in given), frame))
+    return following(_moving, answers, parts, (tuple(w for _, w in given), frame, states))
 
 
 def _rows(curve: BezierSegments, segments: Array) -> _Rows:
@@ -92,14 +139,17 @@ def _rows(curve: BezierSegments, segments: Array) -> _Rows:
     return _Rows(TouchedRows(curve.control_points, segments), weights)
 
 
-def _moving(rows: tuple[tuple[_Touched, _Touched], ...], constants: tuple[tuple[Witness, ...], Frame]) -> MovingNumbers:
+def _moving(
+    rows: tuple[tuple[_Touched, _Touched], ...], constants: tuple[tuple[Witness, ...], Frame, Any]
+) -> MovingNumbers:
     """The answers as functions of the rows that they touch."""
-    witnesses, frame = constants
-    one = partial(_answer, frame)
+    witnesses, frame, states = constants
+    given: Any = (rows, witnesses) if states is None else (rows, witnesses, states)
+    one: Any = partial(_answer, frame)
     if len(rows) == 1:
-        return MovingNumbers(*((x,) for x in one(rows[0], witnesses[0])))
+        return MovingNumbers(*((x,) for x in one(*(each[0] for each in given))))
     # Side by side: one after the other would take as many times as long to compile.
-    found = jax.vmap(one)(*(jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each) for each in (rows, witnesses)))
+    found = jax.vmap(one)(*(jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each) for each in given))
     each = [jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(len(rows))]
     return MovingNumbers(*zip(*each, strict=True))
 
@@ -122,31 +172,76 @@ def projection_with_derivatives(found: Projection, queries: Array, curve: Bezier
     """Nearest points, their distances and parameters differentiable in the queries and in the curve."""
     if not is_traced(queries, curve):
         return found
-    distance, foot, t = _feet(found, queries, curve)
-    return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
+    known = _FootNumbers(found.distance, found.foot, found.t)
+    distance, foot, t = _moving_feet(known, (queries, curve.control_points, curve.weights), found.segment)
+    return replace(found, distance=distance, foot=foot, t=t)
+
+
+class _FootNumbers(NamedTuple):
+    """What of a projection is differentiable."""
+
+    distance: Array
+    foot: Array
+    t: Array
+
+
+@jax.custom_jvp
+def _moving_feet(known: _FootNumbers, numbers: Any, segment: Array) -> _FootNumbers:
+    """Known feet as functions of queries, control points and weights."""
+    return known
+
+
+def _moving_feet_rule(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
+    known, numbers, segment = primals
+    leaves, form = jax.tree_util.tree_flatten(numbers)
+    moves = jax.tree_util.tree_leaves(tangents[1], is_leaf=lambda x: isinstance(x, SymbolicZero))
+    where = [k for k, x in enumerate(moves) if not isinstance(x, SymbolicZero)]
+
+    def feet(moving: list[Any]) -> _FootNumbers:
+        rows = list(leaves)
+        for k, x in zip(where, moving, strict=True):
+            rows[k] = x
+        return _feet(known.t, segment, *form.unflatten(rows))
+
+    here, change = jax.jvp(feet, ([leaves[k] for k in where],), ([moves[k] for k in where],))
+    usable = jax.tree_util.tree_map(lambda x, y: jnp.isfinite(x - y), known, here)
+    usable = usable._replace(distance=usable.distance & (known.distance > 0))
+    # Further derivatives are those of the numbers as functions, too.
+    again = _moving_feet(known, numbers, segment) if is_traced(numbers) else known
+    return again, jax.tree_util.tree_map(lambda x, known: jnp.where(known, x, 0.0), change, usable)
+
+
+_moving_feet.defjvp(_moving_feet_rule, symbolic_zeros=True)
 
 
 @compiled
-def _feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Array, Array, Array]:
+def _feet(found: Array, segment: Array, queries: Array, control_points: Array, weights: Array | None) -> _FootNumbers:
     """Distances, feet and parameters as functions of the queries and the curve."""
-    exponent = common_exponent(*jax.lax.stop_gradient((queries, curve.control_points)))
-    scale, weights = scale_of(exponent, queries.dtype), curve.weights
+    exponent = common_exponent(*jax.lax.stop_gradient((queries, control_points)))
+    scale, degree = scale_of(exponent, queries.dtype), control_points.shape[1] - 1
 
-    def one(query: Array, segment: Array, t: Array) -> tuple[Array, Array, Array]:
-        own = None if weights is None else weights[segment]
-        points, own = _piece(curve.control_points[segment], own, curve.degree, own is not None)
+    def one(query: Array, segment: Array, t: Array) -> _FootNumbers:
+        points, own = _piece(
+            control_points[segment], None if weights is None else weights[segment], degree, weights is not None
+        )
         piece, point = Piece(points * scale, own), query * scale
         held, s = jax.lax.stop_gradient((is_held(point, piece, t), t))
         # Two steps carry the first two derivatives of the parameter.
         for _ in range(2):
             s = active.stationary(s, point, piece, held)
-        b = jet(*piece, s)
-        c = point - b.point
-        return c @ active.direction(c, b.first, held) / scale, b.point / scale, s
+        return _FootNumbers(at_rest(_distance_at, (s, held), (point, piece)) / scale, jet(*piece, s).point / scale, s)
 
     batch = queries.shape[:-1]
-    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, found.segment, found.t))
+    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, segment, found))
     return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
+
+
+def _distance_at(state: tuple[Array, Array], shapes: tuple[Array, Piece]) -> Array:
+    """The distance of a point from a piece at a parameter, and whether that is held."""
+    (s, held), (point, piece) = state, shapes
+    b = jet(*piece, s)
+    c = point - b.point
+    return c @ active.direction(c, b.first, held)
 
 
 def _piece(points: Array, weights: Array | None, degree: int, rational: bool) -> Piece:
@@ -168,14 +263,14 @@ def _raised(rows: Array, degree: int) -> Array:
     return jnp.sum(raising[:, :, None] * rows, axis=1)
 
 
-def _answer(frame: Frame, rows: tuple[_Touched, _Touched], w: Witness) -> tuple[_Answer, Array]:
+def _answer(
+    frame: Frame, rows: tuple[_Touched, _Touched], w: Witness, known: WitnessState | None = None
+) -> tuple[_Answer, Array]:
     """An answer by the active system of its witness, and where it has derivatives."""
     pieces = _pieces(rows, w.direction == DIRECTIONS.b_to_a, frame)
-    start, still = jnp.append(w.t, w.feet_params), jax.lax.stop_gradient(pieces)
-    _, _, _, held, two = active.active(*still, start, w.event, w.multipliers)
-    y = active.solution(start, pieces, held, two)
-    multipliers, units = active.balance(y, active.Active(*pieces, held, two), w.multipliers)
-    value = at_rest(_value, (y, multipliers[:, None] * units), pieces)
+    state = _state(pieces, w) if known is None else WitnessState(*_known_state(known[:2], pieces, w), *known[2:])
+    y, two = state.y, state.two
+    value = at_rest(_value, (y, state.pulls), pieces)
     point, feet = active.places(y, pieces)
     scale = frame.scale(point.dtype)
     # A single foot is given twice.
@@ -183,6 +278,27 @@ def _answer(frame: Frame, rows: tuple[_Touched, _Touched], w: Witness) -> tuple[
     # At distance zero all derivatives are zero by convention; there they need not exist.
     apart = w.event != EVENTS.coincident
     return _Answer(value / scale, y[0], point / scale, feet / scale, params), apart
+
+
+def _state(pieces: active.Pieces, w: Witness) -> WitnessState:
+    """The state of a witness, from the numbers found."""
+    start, still = jnp.append(w.t, w.feet_params), jax.lax.stop_gradient(pieces)
+    _, _, _, held, two = active.active(*still, start, w.event, w.multipliers)
+    y = active.solution(start, pieces, held, two)
+    multipliers, units = active.balance(y, active.Active(*pieces, held, two), w.multipliers)
+    return WitnessState(y, multipliers[:, None] * units, held, two)
+
+
+@jax.custom_jvp
+def _known_state(known: tuple[Array, Array], pieces: active.Pieces, w: Witness) -> tuple[Array, Array]:
+    """Known parameters and pulls; they move as those of `_state` do, which is computed if that is asked for."""
+    return known
+
+
+@_known_state.defjvp
+def _(primals: Any, tangents: Any) -> Any:
+    _, pieces, w = primals
+    return _known_state(*primals), jax.jvp(lambda pieces: _state(pieces, w)[:2], (pieces,), (tangents[1],))[1]
 
 
 def _value(state: tuple[Array, Array], pieces: active.Pieces) -> Array:

@@ -301,9 +301,15 @@ rows = jnp.asarray(np.random.default_rng(6).normal(size=(4, 2, 4, 2)))
 mesh = jax.sharding.Mesh(jax.devices(), ("pairs",))
 place = PartitionSpec("pairs")
 shared = jax.jit(jax.shard_map(both, mesh=mesh, in_specs=place, out_specs=place))
-for found, known in zip(shared(rows), jax.jit(both)(rows)):
-    np.testing.assert_allclose(found, known, rtol=1e-12, atol=1e-14)
+def check():
+    for found, known in zip(shared(rows), jax.jit(both)(rows)):
+        np.testing.assert_allclose(found, known, rtol=1e-12, atol=1e-14)
+
 assert len(jax.devices()) == 2
+check()
+missed.clear()
+with jhd.searches_in_program():
+    check()
 print(len(missed))
 """
 

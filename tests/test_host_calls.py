@@ -1,0 +1,150 @@
+"""Searches that compiled functions call on the host: the same answers as compiled in, in batches, beside other work."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from tests.processes import python
+
+_ROWS = np.random.default_rng(3).normal(size=(9, 2, 4, 2))
+_SPHERES = [jhd.ImplicitSurface.parse(text, [-2.0] * 3, [2.0] * 3) for text in ("x^2 + y^2 + z^2 - 1", "x^2 + z^2 - 2")]
+
+
+def _pair(x):
+    return jhd.BezierCurve(x[0]), jhd.BezierCurve(x[1])
+
+
+def _answer(found):
+    return found.value, found.lower, found.upper, found.witness.point
+
+
+# By name: of the control points of two cubics to numbers.
+_ENTRIES = {
+    "hausdorff": lambda x: _answer(jhd.hausdorff(*_pair(x))),
+    "directed": lambda x: _answer(jhd.directed_hausdorff(*_pair(x))),
+    "at most": lambda x: jhd.hausdorff_at_most(*_pair(x), 1.5).answer._value,
+    "minimum": lambda x: jhd.minimum_distance(*_pair(x)).value,
+    "project": lambda x: jhd.project(x[0], jhd.BezierCurve(x[1])).foot,
+    "stationary": lambda x: jhd.stationary_points(x[0], jhd.BezierCurve(x[1])).distance[:, :2],
+    "gradient": jax.grad(lambda x: jhd.hausdorff(*_pair(x)).value),
+    "Hessian": jax.hessian(lambda x: jhd.hausdorff(*_pair(x)).value),
+    "motion": jax.jacfwd(lambda x: jhd.hausdorff(*_pair(x)).witness.feet),
+    "gradient of distances": jax.grad(lambda x: jnp.sum(jhd.project(x[0], jhd.BezierCurve(x[1])).distance)),
+    "gradient of minimum": jax.grad(lambda x: jhd.minimum_distance(*_pair(x)).value),
+}
+
+
+@pytest.mark.parametrize("entry", ["hausdorff", "at most", "minimum", "project", "gradient"])
+def test_a_batch_has_the_answers_of_single_calls(entry):
+    function = jax.jit(_ENTRIES[entry])
+    batch = jax.jit(jax.vmap(_ENTRIES[entry]))(_ROWS)
+    for k, row in enumerate(_ROWS):
+        jax.tree_util.tree_map(lambda x, y, k=k: np.testing.assert_array_equal(x[k], y), batch, function(row))
+
+
+def test_only_one_curve_of_a_pair_is_batched_and_batches_are_nested():
+    distances = jax.jit(jax.vmap(jax.vmap(lambda x, y: jhd.hausdorff(*_pair([x, y])).value, (0, None)), (None, 0)))
+    found = distances(_ROWS[:3, 0], _ROWS[:2, 1])
+    each = [[float(jhd.hausdorff(*_pair([x, y])).value) for x in _ROWS[:3, 0]] for y in _ROWS[:2, 1]]
+    np.testing.assert_allclose(found, each, rtol=1e-13)
+
+
+def test_a_scan_calls_the_host_at_each_step():
+    value = lambda x: jhd.hausdorff(*_pair(x)).value  # noqa: E731
+    last, values = jax.jit(lambda x: jax.lax.scan(lambda x, _: (x - 0.1 * jax.grad(value)(x), value(x)), x, None, 4))(
+        _ROWS[0]
+    )
+    assert values[3] < values[0] and np.all(np.isfinite(last))
+
+
+def test_the_search_is_in_the_program_only_where_that_is_asked_for():
+    function = lambda x: jhd.minimum_distance(*_pair(x)).value  # noqa: E731
+    assert "buffer_callback" in str(jax.make_jaxpr(function)(_ROWS[0]))
+    with jhd.searches_in_program():
+        assert "callback" not in str(jax.make_jaxpr(function)(_ROWS[0]))
+        with jhd.searches_in_program(False):
+            assert "buffer_callback" in str(jax.make_jaxpr(function)(_ROWS[0]))
+
+
+def test_numbers_that_are_not_finite_are_told_in_a_batch():
+    rows = jnp.asarray(_ROWS[:3]).at[1, 0, 0, 0].set(jnp.nan)
+    found = jax.jit(jax.vmap(lambda x: jhd.project(x[0], jhd.BezierCurve(x[1]))))(rows)
+    ends = np.asarray(found.result == jhd.RESULTS.nonfinite_value)
+    assert ends.sum() == 1 and ends[1, 0] and np.isinf(found.upper[1, 0]) and found.lower[1, 0] == 0
+    curves = jax.jit(jax.vmap(lambda x: jhd.project(x[0], jhd.BezierCurve(x[1]))))(rows[:, ::-1])
+    assert np.array_equal(np.all(np.isinf(curves.upper), axis=1), [False, True, False])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("entry", sorted(_ENTRIES))
+def test_the_host_and_the_program_give_the_same_answers(entry):
+    here = jax.jit(lambda x: _ENTRIES[entry](x))(_ROWS[0])
+    with jhd.searches_in_program():
+        inside = jax.jit(lambda x: _ENTRIES[entry](x))(_ROWS[0])
+    jax.tree_util.tree_map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-9, atol=1e-9), here, inside)
+
+
+@pytest.mark.slow
+def test_implicit_surfaces_are_searched_on_the_host_too():
+    first, second = _SPHERES
+    value = jax.jit(lambda s: jhd.hausdorff(jhd.ImplicitSurface(s * first.coefficients, *first.bounds), second).value)
+    np.testing.assert_allclose(value(2.0), jhd.hausdorff(first, second).value, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_function_whose_searches_are_in_the_program_can_be_exported():
+    with jhd.searches_in_program():
+        exported = jax.export.export(jax.jit(_ENTRIES["minimum"]))(_ROWS[0])
+    np.testing.assert_allclose(exported.call(_ROWS[0]), jax.jit(_ENTRIES["minimum"])(_ROWS[0]), atol=1e-12)
+
+
+# Threads that call compiled functions, beside others that keep the threads of the device busy. Arguments are large,
+# since small ones are copied at once.
+_BUSY = """
+import sys, threading, time
+import jax, jax.numpy as jnp, numpy as np
+import jhd
+
+end = time.time() + float(sys.argv[1])
+random = np.random.default_rng(0)
+rows = np.cumsum(random.normal(size=(64, 2, 100, 4, 2)), axis=3)
+few, queries, matrix = rows[:, :, :2], random.normal(size=(3000, 2)), random.normal(size=(500, 500))
+value = lambda x: jhd.hausdorff(*map(jhd.BezierSegments, x)).value
+functions = [
+    (jax.jit(jax.vmap(value)), rows),
+    (jax.jit(jax.vmap(jax.grad(value))), few),
+    (jax.jit(lambda x: jax.lax.scan(lambda x, _: (x - 1e-3 * jax.grad(value)(x), 0), x, None, 5)[0]), few[0]),
+    (jax.jit(lambda x: jhd.project(queries, jhd.BezierSegments(x)).distance), rows[0, 0, :12]),
+    (jax.jit(lambda x: jhd.minimum_distance(*map(jhd.BezierSegments, x)).value), few[1]),
+    (lambda x: jhd.hausdorff(*map(jhd.BezierSegments, x)).value, few[2]),
+    (jax.jit(lambda x: jnp.sum(jnp.linalg.svd(x @ x.T, compute_uv=False))), matrix),
+]
+for function, given in functions:
+    jax.block_until_ready(function(given))
+counts = [0] * len(functions)
+
+def work(k):
+    function, given = functions[k]
+    while time.time() < end:
+        jax.block_until_ready(function(given))
+        counts[k] += 1
+
+threads = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(len(functions))]
+for thread in threads:
+    thread.start()
+while time.time() < end:
+    before, _ = counts.copy(), time.sleep(min(30, max(end - time.time(), 0)))
+    still = [k for k in range(len(counts)) if counts[k] == before[k]]
+    if still and time.time() < end:
+        sys.exit(f"no call of {still} ended in 30 s")
+for thread in threads:
+    thread.join(60)
+sys.exit("a call did not end" if any(thread.is_alive() for thread in threads) else 0)
+"""
+
+
+@pytest.mark.exhaustive
+def test_calls_of_the_host_end_while_all_threads_are_busy():
+    python("-c", _BUSY, "600")
