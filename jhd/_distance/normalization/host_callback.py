@@ -50,7 +50,8 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
         arguments: pytrees of arrays.
         rows: the first argument is an array whose rows have one row each of the answer; a batch of it is one call.
     """
-    device = host_device()
+    # The precision of the calling thread; the call comes from another one.
+    device, wide = host_device(), _is_wide()
     ranks = [np.ndim(x) for x in jax.tree_util.tree_leaves(arguments)]
 
     def called(*values: Any) -> Any:
@@ -59,7 +60,7 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
 
     def known(*values: Any) -> Any:
         values = jax.tree_util.tree_map(np.asarray, values)
-        with jax.default_device(device):
+        with jax.default_device(device), jax.enable_x64(wide):
             if rows:
                 return _by_rows(called, like, ranks, values)
             return jax.tree_util.tree_map(lambda x, s: x.reshape(s.shape), called(*values), like)
@@ -76,6 +77,11 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
             np.asarray(place)[...] = x
 
     return buffer_callback(filled, like, vmap_method=method)(*arguments)
+
+
+def _is_wide() -> bool:
+    """Whether numbers have 64 bits, in this thread."""
+    return jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _by_rows(function: Callable[..., Any], like: Any, ranks: list[int], values: Any) -> Any:
@@ -273,8 +279,7 @@ def cores() -> int:
 
 def on_all_cores(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """What `work` gives for each item, on the device for calls of the host; the waiting thread takes part."""
-    device, found, left = host_device(), [None] * len(items), iter(range(len(items)))
-    wide = jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
+    device, wide, found, left = host_device(), _is_wide(), [None] * len(items), iter(range(len(items)))
 
     def some(_: int = 0) -> None:
         with jax.default_device(device), jax.enable_x64(wide):
