@@ -46,10 +46,10 @@ shrinks.
 
 **How do I get a result instead of an exception?** Pass `throw=False` and read `ok`, or `result`, a member of `RESULTS`.
 
-**Can I use it inside `jit`, `vmap` and `grad`?** Yes. On CPUs the compiled function calls the search on the host, where
-it is compiled already; a batch uses all cores. On GPUs searches for points and curves, and for two implicit surfaces,
-become part of the compiled function; `searches_in_program` has the same effect on CPUs, for example for `jax.export`.
-Shapes may be arguments, closed over, or built inside.
+**Can I use it inside `jit`, `vmap` and `grad`?** Yes. On CPUs the compiled function calls the search on the host, which
+keeps its compiled searches on disk; a batch uses all cores. On GPUs searches for points and curves, and for two
+implicit surfaces, become part of the compiled function; `searches_in_program` has the same effect on CPUs, for example
+for `jax.export`. Shapes may be arguments, closed over, or built inside.
 
 **How do I fit in my own loop, for example with optax?** To noisy points, minimize the mean square of
 `project(points, shape).distance`; see `experiments/tour/optax_loop.py`. To a shape, minimize `hausdorff(...).value`,

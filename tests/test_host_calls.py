@@ -77,6 +77,36 @@ def test_numbers_that_are_not_finite_are_told_in_a_batch():
     assert np.array_equal(np.all(np.isinf(curves.upper), axis=1), [False, True, False])
 
 
+def test_shapes_that_are_closed_over_are_searched_on_the_host_too():
+    for entry in ("hausdorff", "directed", "minimum", "project", "stationary"):
+        inside = jax.jit(lambda x, entry=entry: (x, _ENTRIES[entry](_ROWS[0])))(2.0)[1]
+        jax.tree_util.tree_map(
+            lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-9, atol=1e-9), inside, _ENTRIES[entry](_ROWS[0])
+        )
+
+
+def test_constants_of_numpy_are_batched_inside_a_function():
+    project = lambda x: jax.vmap(lambda y: jhd.project(x, jhd.BezierCurve(y)).distance)(_ROWS[:, 0])  # noqa: E731
+    found, gradient = jax.jit(lambda x: (project(x), jax.grad(lambda x: jnp.sum(project(x)))(x)))(_ROWS[0, 1, 0])
+    each = [float(jhd.project(_ROWS[0, 1, 0], jhd.BezierCurve(y)).distance) for y in _ROWS[:, 0]]
+    np.testing.assert_allclose(found, each, rtol=1e-13)
+    assert np.all(np.isfinite(gradient))
+
+
+def test_queries_far_away_leave_the_others_of_a_batch_as_they_are():
+    curve, queries = jhd.BezierCurve(_ROWS[0, 0]), np.array([(1e200, 0.0), (0.3, 0.4), (5.0, 1.0)])
+    found = jax.jit(jax.vmap(lambda x: jhd.project(x, curve)))(queries)
+    assert [float(x) for x in found.distance[1:]] == [float(jhd.project(x, curve).distance) for x in queries[1:]]
+    assert np.all(found.result == jhd.RESULTS.successful)
+
+
+def test_stationary_distances_have_the_derivatives_of_differences():
+    curve, x = jhd.BezierCurve(_ROWS[0, 0]), np.array([0.3, 0.2])
+    distances = lambda x: jhd.stationary_points(x, curve).distance[:1]  # noqa: E731
+    slopes = [(distances(x + h) - distances(x - h)) / 2e-6 for h in 1e-6 * np.eye(2)]
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(distances))(x), np.stack(slopes, axis=1), atol=1e-7)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", sorted(_ENTRIES))
 def test_the_host_and_the_program_give_the_same_answers(entry):

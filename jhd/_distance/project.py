@@ -11,12 +11,14 @@ Source: Cao et al. 2014, equation (10), with its indices corrected.
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array
 
 from jhd._arithmetic.scaling import length, unit_weights
@@ -34,7 +36,8 @@ from jhd._distance.normalization.coordinates import (
     user_place,
 )
 from jhd._distance.normalization.curves import padded_count, replaced, trusted, usable
-from jhd._distance.normalization.host_callback import from_host, like_result, of_known_rows
+from jhd._distance.normalization.custom_derivatives import carrying
+from jhd._distance.normalization.host_callback import by_kept_program, from_host, like_result, of_known_rows
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import piece_of
 from jhd._distance.project_methods import AbstractProjectionMethod, BestFirstProjection, failed, how_closed
@@ -44,7 +47,7 @@ from jhd._distance.witness.active import stationary
 from jhd._distance.witness.derivative import projection_with_derivatives
 from jhd._distance.witness.mesh_feet import project_on_mesh
 from jhd._results.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
-from jhd._runtime.arrays import array_of, check_whole, is_traced, module_of, real_array, undifferentiated
+from jhd._runtime.arrays import array_of, bound, check_whole, is_traced, module_of, real_array, undifferentiated
 from jhd._runtime.compiled import calls_host, compiled, optimized
 from jhd._runtime.sharding import is_partitioned
 from jhd._shapes.as_shape import ShapeLike, check_rows_first, check_shape, taken_as
@@ -66,6 +69,8 @@ _LONG_BLOCK = 4096
 _FEW = 16
 # A larger change of the parameter by one more Newton step is no mending: the local methods stop where they please.
 _MENDED = 1e-6
+# Binary orders of magnitude that queries may differ by to be scaled together.
+_APART = 64
 # Queries that are searched side by side: more wait for the slowest of them, fewer leave vector units idle.
 _CHUNK = 128
 
@@ -175,10 +180,23 @@ def stationary_points(points: Numbers, curve: ShapeLike, *, capacity: int = 32, 
     check_whole("capacity", capacity, 1)
     queries, segments = _checked(points, curve)
     rows = _for_each(_StationaryTo(capacity), _form_of_stationary(capacity, segments), (), queries, segments)
-    found = StationaryPoints(*rows)
+    found = _with_moving_distances(StationaryPoints(*rows), queries, segments)
     if throw:
         throw_unless_successful(found)
     return found
+
+
+def _with_moving_distances(found: StationaryPoints, queries: Array, curve: BezierSegments) -> StationaryPoints:
+    """The distances with derivatives in queries and curve, which at stationary parameters are those at fixed ones."""
+    if not is_traced(queries, curve):
+        return found
+
+    def distances(query: Array, segments: Array, t: Array) -> Array:
+        return length(jax.vmap(lambda k, s: jet(*piece_of(curve, k), s).point)(segments, t) - query)
+
+    flat = (x.reshape(-1, x.shape[-1]) for x in (queries, found.segment, found.t))
+    other = jax.vmap(distances)(*flat).reshape(found.distance.shape)
+    return replace(found, distance=carrying(found.distance, other, found.valid))
 
 
 def _checked(points: Numbers, shape: Any) -> tuple[Array, BezierSegments]:
@@ -228,22 +246,77 @@ def _for_each(one: Callable[..., Any], answer: Any, option: Any, queries: Array,
         queries: (..., dim).
         curve: the curve.
     """
-    batch, flat = queries.shape[:-1], queries.reshape(-1, curve.dim)
+    batch, flat = queries.shape[:-1], jax.lax.stop_gradient(queries).reshape(-1, curve.dim)
     if not is_traced(flat, curve):
         known = jax.tree_util.tree_map(np.asarray, (flat, curve))
         found = jax.tree_util.tree_map(array_of, _of_known(one, answer, option, *known))
     elif calls_host() and not is_partitioned((flat, curve)):
-        like = jax.tree_util.tree_map(lambda s: jax.ShapeDtypeStruct((len(flat), *s.shape), s.dtype), answer)
-        found = from_host(partial(_of_known, one, answer, option), like, flat, curve, rows=True)
+        found = _on_host(one, answer, option)(*bound((flat, jax.lax.stop_gradient(curve))))
     else:
-        good = usable(curve) & jnp.all(jnp.isfinite(flat), axis=-1)
-        scaled = _scaled(jnp.where(good[:, None], flat, 0.0), replaced(curve, usable(curve)), curve.count)
-        found = _finite(_unscaled(_block(one, option, *scaled[:2], curve.count), scaled[2]), good)
+        found = _in_program(one, answer, option, flat, curve)
     return jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found)
 
 
+def _on_host(one: Callable[..., Any], answer: Any, option: Any) -> Callable[..., Any]:
+    """From traced queries in rows and a curve to results by a call of the host.
+
+    The queries of a batch with one curve are joined. If each member has a curve of its own and few queries, the host
+    gets each query with its curve.
+    """
+
+    def call(flat: Array, curve: BezierSegments) -> Any:
+        like = jax.tree_util.tree_map(lambda s: jax.ShapeDtypeStruct((len(flat), *s.shape), s.dtype), answer)
+        return from_host(partial(_of_known, one, answer, option), like, flat, curve, rows=True)
+
+    found = custom_vmap(call)
+
+    @found.def_vmap
+    def batch(size: int, batched: Any, flat: Array, curve: BezierSegments) -> Any:
+        if any(jax.tree_util.tree_leaves(batched[1])):
+            leaves, tree = jax.tree_util.tree_flatten((flat, curve))
+            axes = tuple(0 if x else None for x in jax.tree_util.tree_leaves(batched))
+            function = partial(_in_program, one, answer, option) if flat.shape[-2] <= _FEW else call
+            result = jax.vmap(lambda *x: function(*tree.unflatten(x)), axes, axis_size=size)(*leaves)
+        else:
+            joined = _on_host(one, answer, option)(flat.reshape(-1, flat.shape[-1]), curve)
+            result = jax.tree_util.tree_map(lambda x: x.reshape(size, -1, *x.shape[1:]), joined)
+        return result, jax.tree_util.tree_map(lambda _: True, result)
+
+    return found
+
+
+def _in_program(one: Callable[..., Any], answer: Any, option: Any, flat: Array, curve: BezierSegments) -> Any:
+    """Results for traced queries in rows, which are scaled in the program."""
+    good = usable(curve) & jnp.all(jnp.isfinite(flat), axis=-1)
+    host = calls_host() and not is_partitioned((flat, curve))
+    count = padded_count(curve.count, small=True) if host else curve.count
+    queries, padded, frame = _scaled(jnp.where(good[:, None], flat, 0.0), replaced(curve, usable(curve)), count)
+    used = np.asarray(curve.count)
+    if host and not _in_groups(option, padded):
+        found = jax.vmap(lambda query: by_kept_program(one, answer, (padded, used, query), (option,)))(queries)
+    else:
+        found = _block(one, option, queries, padded, used)
+    return _finite(_unscaled(found, frame), good)
+
+
 def _of_known(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndarray, curve: BezierSegments) -> Any:
-    """Results for known queries in rows."""
+    """Results for known queries in rows. Queries far beyond others have a scale of their own."""
+    size = np.max(np.abs(flat), axis=1, initial=np.max(np.abs(curve.control_points), initial=0.0))
+    apart = np.frexp(np.where(np.isfinite(size), size, 0.0))[1] // _APART
+    apart = np.where(apart == apart.min(), apart.min(), apart)
+    if len(groups := np.unique(apart)) == 1:
+        return _of_similar(one, answer, option, flat, curve)
+    out = jax.tree_util.tree_map(lambda s: np.empty((len(flat), *s.shape), s.dtype), answer)
+    for group in groups:
+        rows = np.flatnonzero(apart == group)
+        found = _of_similar(one, answer, option, flat[rows], curve)
+        for whole, part in zip(*map(jax.tree_util.tree_leaves, (out, found)), strict=True):
+            whole[rows] = part
+    return out
+
+
+def _of_similar(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndarray, curve: BezierSegments) -> Any:
+    """Results for known queries in rows, which are scaled together."""
     good = usable_numbers(curve.control_points, curve.weights) & np.all(np.isfinite(flat), axis=-1)
     if not np.any(good):
         return _finite(jax.tree_util.tree_map(lambda s: np.zeros((len(flat), *s.shape), s.dtype), answer), good)

@@ -10,7 +10,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
-from jhd._runtime.jax_internals import is_trace_clean, varying_axes
+from jhd._runtime.jax_internals import is_batch, is_trace_clean, varying_axes
 
 Rows = TypeVar("Rows", bound=tuple)
 Values = TypeVar("Values")
@@ -42,6 +42,14 @@ def undifferentiated(values: Values) -> Values:
     Under a trace every operation gives a tracer, `stop_gradient` of known arrays too. These are to stay known.
     """
     return jax.tree_util.tree_map(lambda x: jax.lax.stop_gradient(x) if isinstance(x, Tracer) else x, values)
+
+
+def bound(values: Values) -> Values:
+    """The values, those of a batch as results of an operation.
+
+    A constant of NumPy that is batched inside jit is a tracer which functions with derivatives of their own refuse.
+    """
+    return jax.tree_util.tree_map(lambda x: jnp.copy(x) if is_batch(x) else x, values)
 
 
 def on_host(*arrays: Any) -> tuple[Any, ...]:

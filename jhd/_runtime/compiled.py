@@ -74,14 +74,14 @@ def asking(permission: Callable[[], object]) -> Iterator[None]:
 def searches_in_program(enabled: bool = True) -> Iterator[None]:
     """Compile searches into the functions that are traced in this context, instead of calling them on the host.
 
-    On CPUs a function under `jax.jit` calls `hausdorff`, `directed_hausdorff`, `minimum_distance` and `project` on the
-    host. The host has the compiled search on disk, and computes a batch on all cores. Use this context if the function
+    On CPUs a function under `jax.jit` calls distances, their decisions, `project` and `stationary_points` on the host.
+    The host keeps compiled searches on disk, and computes a batch on all cores. Use this context if the function
     must not call the host: for `jax.export`, or to keep the function in the compilation cache of JAX. Its first call
     then compiles the search, which takes about ten seconds. On GPUs searches of curves and of implicit surfaces are
     always compiled in. Meshes, parametric surfaces and mixed pairs are always searched on the host.
 
-    A function that is called in the context and outside is traced for either. `JHD_HOST_CALLS=0` in the environment has
-    the effect of the context on the whole process.
+    A function that is called in the context and outside is traced once for each. `JHD_HOST_CALLS=0` in the environment
+    has the effect of the context on the whole process.
 
     >>> import jax
     >>> import jhd
@@ -92,7 +92,7 @@ def searches_in_program(enabled: bool = True) -> Iterator[None]:
     2.0
 
     Args:
-        enabled: whether searches are compiled in; False restores calls of the host within an outer context.
+        enabled: whether searches are compiled in; False: call the host again within an outer context.
 
     Returns:
         A context manager, which also serves as a decorator.
@@ -188,7 +188,8 @@ class _Plain:
                 with _uncollected():
                     _check_room(program.lower(*args).compile())
                 self._asked.add(sizes)
-        result = program(*args)
+        with searches_in_program():
+            result = program(*args)
         self._kinds.add(kinds)
         count = count_executables(program)
         if count != self.count:

@@ -15,6 +15,7 @@ from jax._src import config as _config
 from jax._src import core as _core
 from jax._src import layout as _layout
 from jax._src import xla_bridge as _bridge
+from jax._src.interpreters import batching as _batching
 
 try:
     from jaxlib.xla_client import make_cpu_client as _make_cpu_client
@@ -56,6 +57,11 @@ def settings() -> Mapping[str, Any]:
 def varying_axes(x: Any) -> frozenset[str]:
     """Return the axes of the device mesh along which an array differs under `shard_map`; empty if JAX does not say."""
     return getattr(getattr(jax.typeof(x), "manual_axis_type", None), "varying", frozenset())
+
+
+def is_batch(x: Any) -> bool:
+    """Return whether `x` stands for a batch under vmap; False if JAX does not say: see `bound` in _runtime.arrays."""
+    return isinstance(x, getattr(_batching, "BatchTracer", ()))
 
 
 def count_executables(jitted: Any) -> int:

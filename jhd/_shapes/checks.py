@@ -116,7 +116,7 @@ def checked_parameter(name: str, t: Numbers) -> Array:
 
 
 def usable_numbers(control_points: Any, weights: Any) -> Any:
-    """Whether points are finite, and weights finite, positive and within the largest ratio; those of NumPy at once."""
+    """Whether points are finite, and weights finite, positive and within the largest ratio; of NumPy or of JAX."""
     xp: Any = module_of(control_points)
     good = xp.all(xp.isfinite(control_points))
     if weights is None:

@@ -172,8 +172,8 @@ DEFECTS = [
         "_distance/normalization/host_callback.py",
         "test_programs.py",
         (
-            "with jax.default_device(device):",
-            "with jax.default_device(None):",
+            "with jax.default_device(device), jax.enable_x64(wide):\n            if rows:",
+            "with jax.default_device(None), jax.enable_x64(wide):\n            if rows:",
             "test_a_call_of_the_host_computes_on_a_device_that_no_program_occupies",
         ),
     ),

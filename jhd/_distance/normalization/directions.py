@@ -37,7 +37,9 @@ class TracedSearch(NamedTuple):
 
 
 def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[Any, Any]:
-    """Both directions by one traced search, which is compiled once and run twice: solutions, and what is told of them.
+    """Both directions by one traced search, which is compiled once and run twice.
+
+    Each is a solution, and the second result of the search.
 
     Args:
         search: the search.
@@ -57,8 +59,8 @@ def scanned(run: Run, common: Any, given: Any, aim: Aim, rising: Array) -> tuple
     """The answers for both directions; of the second one what exceeds the first counts where the level rises.
 
     Args:
-        run: of what both directions have in common, of what is given for one, and of an aim; gives a solution, and what
-            else is told of it.
+        run: of what both directions have in common, of what is given for one, and of an aim; returns a solution and a
+            pytree of further arrays.
         common: what they have in common.
         given: for either direction.
         aim: of the first direction.
@@ -66,8 +68,8 @@ def scanned(run: Run, common: Any, given: Any, aim: Aim, rising: Array) -> tuple
     """
 
     def one(least: Any, pair: Any) -> tuple[Any, Any]:
-        solution, told = run(common, pair, Aim(least, aim.ceiling))
-        return jnp.where(rising, solution.lower, least), (solution, told)
+        solution, further = run(common, pair, Aim(least, aim.ceiling))
+        return jnp.where(rising, solution.lower, least), (solution, further)
 
     return jax.lax.scan(one, jnp.asarray(varying(aim.level, given)), given)[1]
 

@@ -91,7 +91,7 @@ def _by_rows(function: Callable[..., Any], like: Any, ranks: list[int], values: 
         function: from the arguments to an answer for each row.
         like: the form of the answer without a batch.
         ranks: of the leaves of the arguments without a batch.
-        values: the arguments; leaves have the same axes of the batch in front, of length one if they do not differ.
+        values: the arguments. Axes of the batch come first; an axis of length one is not batched.
     """
     leaves, form = jax.tree_util.tree_flatten(values)
     batches = [x.shape[: x.ndim - rank] for x, rank in zip(leaves, ranks, strict=True)]
@@ -144,6 +144,8 @@ def by_kept_program(
     """
     if answer is None or not calls_host() or is_partitioned((own, shared)):
         return shared_by_devices(function)(*shared, *own)
+    # Where all numbers are known some are Python's.
+    own, shared = jax.tree_util.tree_map(lambda x: x if hasattr(x, "dtype") else np.asarray(x), (own, shared))
     rows, row = (packed(jax.lax.stop_gradient(x)) for x in (own, shared))
     forms = form_of(shared), form_of(own)
     length = _length(form_of(answer), rows.dtype)
@@ -153,7 +155,7 @@ def by_kept_program(
 
 
 def of_known_rows(function: Callable[..., Any], answer: Any, rows: np.ndarray, shared: tuple, block: int) -> Any:
-    """The same of known rows, each of which is the own argument of a member of a batch; shared by all cores."""
+    """Answers of `by_kept_program` for known rows: each row is the own argument of one member of a batch."""
     row = packed(jax.tree_util.tree_map(np.asarray, shared))
     forms, form = (form_of(shared), form_of((rows[0],))), form_of(answer)
     return unpacked(form, answers(function, forms, _length(form, rows.dtype), block, rows, row))
@@ -174,7 +176,7 @@ class Packing(NamedTuple):
 def form_of(values: Any) -> Packing:
     """The packing of arrays."""
     leaves, tree = jax.tree_util.tree_flatten(values)
-    return Packing(tree, tuple((x.shape, np.dtype(x.dtype)) for x in leaves))
+    return Packing(tree, tuple((x.shape, np.dtype(jax.dtypes.canonicalize_dtype(x.dtype))) for x in leaves))
 
 
 def _length(form: Packing, row: np.dtype) -> int:
@@ -189,7 +191,7 @@ def _is_real(kind: np.dtype) -> bool:
 def packed(values: Any) -> Any:
     """All numbers in one row: each array that is handed to the host takes as long as a short step of a search.
 
-    Whole numbers lie there bit by bit.
+    Whole numbers are stored by their bits.
     """
     leaves = jax.tree_util.tree_leaves(values)
     kind = jnp.result_type(float, *(x.dtype for x in leaves if _is_real(x.dtype)))

@@ -17,7 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from jhd._runtime.arrays import is_traced, is_tracing
+from jhd._runtime.arrays import bound, is_traced, is_tracing
 from jhd._runtime.compiled import compiled
 
 
@@ -58,7 +58,6 @@ class MovingNumbers(NamedTuple):
 Function = Callable[[Any, Any], MovingNumbers]
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
 def following(function: Function, found: Any, parts: Any, constants: Any) -> Any:
     """The numbers found, with the derivatives of a function wherever the numbers and the function are finite.
 
@@ -68,6 +67,11 @@ def following(function: Function, found: Any, parts: Any, constants: Any) -> Any
         parts: a pytree whose leaves are of type TouchedRows.
         constants: a pytree of arrays that are not differentiated.
     """
+    return _following(function, *bound((found, parts, constants)))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _following(function: Function, found: Any, parts: Any, constants: Any) -> Any:
     return found
 
 
@@ -92,7 +96,7 @@ def _rule(function: Function, primals: tuple, tangents: tuple) -> tuple[Any, Any
     return here, _changed(found, moved)
 
 
-following.defjvp(_rule, symbolic_zeros=True)
+_following.defjvp(_rule, symbolic_zeros=True)
 
 
 def _numbers(function: Function, found: Any, constants: Any, rows: Any) -> tuple[Any, Any]:

@@ -29,7 +29,7 @@ from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import Piece, piece_of
 from jhd._distance.witness import active
 from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
-from jhd._runtime.arrays import is_traced
+from jhd._runtime.arrays import bound, is_traced
 from jhd._runtime.compiled import compiled
 from jhd._shapes.curve import BezierSegments
 
@@ -173,7 +173,8 @@ def projection_with_derivatives(found: Projection, queries: Array, curve: Bezier
     if not is_traced(queries, curve):
         return found
     known = _FootNumbers(found.distance, found.foot, found.t)
-    distance, foot, t = _moving_feet(known, (queries, curve.control_points, curve.weights), found.segment)
+    numbers = queries, curve.control_points, curve.weights
+    distance, foot, t = _moving_feet(known, numbers, found.segment)
     return replace(found, distance=distance, foot=foot, t=t)
 
 
@@ -185,9 +186,13 @@ class _FootNumbers(NamedTuple):
     t: Array
 
 
-@jax.custom_jvp
 def _moving_feet(known: _FootNumbers, numbers: Any, segment: Array) -> _FootNumbers:
-    """Known feet as functions of queries, control points and weights."""
+    """Known feet, with the derivatives of `_feet` in queries, control points and weights."""
+    return _bound_feet(*bound((known, numbers, segment)))
+
+
+@jax.custom_jvp
+def _bound_feet(known: _FootNumbers, numbers: Any, segment: Array) -> _FootNumbers:
     return known
 
 
@@ -208,14 +213,14 @@ def _moving_feet_rule(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
     usable = usable._replace(distance=usable.distance & (known.distance > 0))
     # Further derivatives are those of the numbers as functions, too.
     again = _moving_feet(known, numbers, segment) if is_traced(numbers) else known
-    return again, jax.tree_util.tree_map(lambda x, known: jnp.where(known, x, 0.0), change, usable)
+    return again, jax.tree_util.tree_map(lambda x, good: jnp.where(good, x, 0.0), change, usable)
 
 
-_moving_feet.defjvp(_moving_feet_rule, symbolic_zeros=True)
+_bound_feet.defjvp(_moving_feet_rule, symbolic_zeros=True)
 
 
 @compiled
-def _feet(found: Array, segment: Array, queries: Array, control_points: Array, weights: Array | None) -> _FootNumbers:
+def _feet(t: Array, segment: Array, queries: Array, control_points: Array, weights: Array | None) -> _FootNumbers:
     """Distances, feet and parameters as functions of the queries and the curve."""
     exponent = common_exponent(*jax.lax.stop_gradient((queries, control_points)))
     scale, degree = scale_of(exponent, queries.dtype), control_points.shape[1] - 1
@@ -232,7 +237,7 @@ def _feet(found: Array, segment: Array, queries: Array, control_points: Array, w
         return _FootNumbers(at_rest(_distance_at, (s, held), (point, piece)) / scale, jet(*piece, s).point / scale, s)
 
     batch = queries.shape[:-1]
-    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, segment, found))
+    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, segment, t))
     return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
 
 
