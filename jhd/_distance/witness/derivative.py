@@ -31,6 +31,7 @@ from jhd._distance.witness import active
 from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
 from jhd._runtime.arrays import bound, is_traced
 from jhd._runtime.compiled import compiled
+from jhd._runtime.sharding import is_partitioned
 from jhd._shapes.curve import BezierSegments
 
 
@@ -104,14 +105,15 @@ def with_derivatives(
         return solution
     solution = on_device(solution)
     numbers = tuple((s.value, s.witness) for s in (solution, *(solution.directions or ())))
-    turned = solution.direction == DIRECTIONS.b_to_a
-    if not states:
+    # Of explicitly sharded arrays JAX loses the mesh where one of two is chosen (0.12.0.1).
+    if not states or is_partitioned((a, b)):
         # Whatever is asked for: all in one, as each call under a derivative costs a millisecond.
         return with_answers(solution, _found(numbers, a, b, frame))
     if solution.directions is None:
         own = tuple(states.values())
         return with_answers(solution, _found(numbers, a, b, frame, own))
     others = states[False], states[True]
+    turned = solution.direction == DIRECTIONS.b_to_a
     own = (jax.tree_util.tree_map(lambda x, y: jnp.where(turned, y, x), *others),)
     # Apart, since the directions are seldom asked for, and only what is asked for is compiled.
     return with_answers(solution, (*_found(numbers[:1], a, b, frame, own), *_found(numbers[1:], a, b, frame, others)))
