@@ -100,11 +100,17 @@ def test_queries_far_away_leave_the_others_of_a_batch_as_they_are():
     assert np.all(found.result == jhd.RESULTS.successful)
 
 
-def test_stationary_distances_have_the_derivatives_of_differences():
+def test_stationary_points_have_the_derivatives_of_differences():
     curve, x = jhd.BezierCurve(_ROWS[0, 0]), np.array([0.3, 0.2])
-    distances = lambda x: jhd.stationary_points(x, curve).distance[:1]  # noqa: E731
-    slopes = [(distances(x + h) - distances(x - h)) / 2e-6 for h in 1e-6 * np.eye(2)]
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(distances))(x), np.stack(slopes, axis=1), atol=1e-7)
+
+    def numbers(x):
+        found = jhd.stationary_points(x, curve)
+        return jnp.stack([found.distance[0], found.t[0]])
+
+    slope = jax.jit(jax.jacfwd(numbers))
+    for function, derivative in ((numbers, slope), (slope, jax.jit(jax.jacfwd(slope)))):
+        steps = [(function(x + h) - function(x - h)) / 2e-5 for h in 1e-5 * np.eye(2)]
+        np.testing.assert_allclose(derivative(x), np.stack(steps, axis=-1), rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.slow

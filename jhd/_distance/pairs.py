@@ -61,7 +61,7 @@ class AbstractPair(ABC):
     _frame: Any = None
 
     def __init__(self) -> None:
-        # What a traced search told besides its solution, by whether it was turned.
+        # The second result of a traced search (see `in_turn`), by whether it was from b to a.
         self._told: dict[bool, Any] = {}
 
     def length(self, value: Array, toward: float | None = None) -> Any:

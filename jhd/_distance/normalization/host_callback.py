@@ -163,7 +163,7 @@ def of_known_rows(function: Callable[..., Any], answer: Any, rows: np.ndarray, s
 
 def like_result() -> Any:
     """The shape and type of a member of RESULTS."""
-    return _like_result
+    return jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct((), x.dtype), RESULTS.successful)
 
 
 class Packing(NamedTuple):
@@ -297,9 +297,6 @@ def on_all_cores(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
         some()
         list(others)
     return found
-
-
-_like_result: Any = jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct((), x.dtype), RESULTS.successful)
 
 
 class AnswerForm(NamedTuple):

@@ -28,8 +28,17 @@ from jhd._distance.normalization.implicit_derivatives import MovingNumbers, Touc
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import Piece, piece_of
 from jhd._distance.witness import active
-from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
-from jhd._runtime.arrays import bound, is_traced
+from jhd._results.solution import (
+    DIRECTIONS,
+    EVENTS,
+    HausdorffSolution,
+    Projection,
+    StationaryPoints,
+    Witness,
+    on_device,
+    with_answers,
+)
+from jhd._runtime.arrays import bound, is_traced, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd._runtime.sharding import is_partitioned
 from jhd._shapes.curve import BezierSegments
@@ -178,6 +187,16 @@ def projection_with_derivatives(found: Projection, queries: Array, curve: Bezier
     numbers = queries, curve.control_points, curve.weights
     distance, foot, t = _moving_feet(known, numbers, found.segment)
     return replace(found, distance=distance, foot=foot, t=t)
+
+
+def stationary_with_derivatives(found: StationaryPoints, queries: Array, curve: BezierSegments) -> StationaryPoints:
+    """Stationary points, their distances and parameters differentiable in the queries and in the curve."""
+    if not is_traced(queries, curve):
+        return found
+    rows = jnp.broadcast_to(queries[..., None, :], (*found.t.shape, curve.dim))
+    known = _FootNumbers(found.distance, jnp.zeros_like(undifferentiated(rows)), found.t)
+    distance, _, t = _moving_feet(known, (rows, curve.control_points, curve.weights), found.segment)
+    return replace(found, distance=distance, t=t)
 
 
 class _FootNumbers(NamedTuple):
