@@ -332,6 +332,8 @@ def _add_deviation(commands: Any) -> None:
     _add_tolerances(parser, atol, 1e-3)
     within = "distance up to which the fraction of A is printed too"
     parser.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=within)
+    quantile = "fraction of A whose quantile is printed and must reach the tolerance too, for example 0.95"
+    parser.add_argument("--quantile", type=float, metavar="FRACTION", help=quantile)
     shown = "A colored by its distance, with a histogram"
     parser.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     parser.add_argument("--html", metavar="FILE", help=_PAGE_HELP)

@@ -136,38 +136,53 @@ def test_a_function_whose_searches_are_in_the_program_can_be_exported():
     np.testing.assert_allclose(exported.call(_ROWS[0]), jax.jit(_ENTRIES["minimum"])(_ROWS[0]), atol=1e-12)
 
 
-# Threads that call compiled functions, beside others that keep the threads of the device busy. Arguments are large,
-# since small ones are copied at once.
+# Threads that call compiled functions with arrays made anew, some of them large or of new sizes, beside others that
+# keep the threads of the device busy. By `jax.pure_callback` some of them stood still for more than a minute.
 _BUSY = """
 import sys, threading, time
 import jax, jax.numpy as jnp, numpy as np
 import jhd
 
-end = time.time() + float(sys.argv[1])
 random = np.random.default_rng(0)
-rows = np.cumsum(random.normal(size=(64, 2, 100, 4, 2)), axis=3)
-few, queries, matrix = rows[:, :, :2], random.normal(size=(3000, 2)), random.normal(size=(500, 500))
-value = lambda x: jhd.hausdorff(*map(jhd.BezierSegments, x)).value
-functions = [
-    (jax.jit(jax.vmap(value)), rows),
-    (jax.jit(jax.vmap(jax.grad(value))), few),
-    (jax.jit(lambda x: jax.lax.scan(lambda x, _: (x - 1e-3 * jax.grad(value)(x), 0), x, None, 5)[0]), few[0]),
-    (jax.jit(lambda x: jhd.project(queries, jhd.BezierSegments(x)).distance), rows[0, 0, :12]),
-    (jax.jit(lambda x: jhd.minimum_distance(*map(jhd.BezierSegments, x)).value), few[1]),
-    (lambda x: jhd.hausdorff(*map(jhd.BezierSegments, x)).value, few[2]),
-    (jax.jit(lambda x: jnp.sum(jnp.linalg.svd(x @ x.T, compute_uv=False))), matrix),
+queries, matrix = random.normal(size=(3000, 2)), random.normal(size=(600, 600))
+
+def curves(count, segments, seed):
+    points = np.cumsum(np.random.default_rng(seed).normal(size=(count, 3 * segments + 1, 2)), axis=1)
+    return np.stack([points[:, 3 * i : 3 * i + 4] for i in range(segments)], axis=1)
+
+of = lambda entry: lambda a, b: entry(jhd.BezierSegments(a), jhd.BezierSegments(b)).value
+value = of(jhd.hausdorff)
+batch, slopes, least = jax.jit(jax.vmap(value)), jax.jit(jax.vmap(jax.grad(value))), jax.jit(of(jhd.minimum_distance))
+project = jax.jit(lambda a: jhd.project(queries, jhd.BezierSegments(a)).distance)
+large = jax.jit(lambda x: jnp.sum(x @ x.T + jnp.linalg.svd(x, compute_uv=False)[0]))
+
+@jax.jit
+def descend(a, b, x):
+    def step(a, _):
+        found, slope = jax.value_and_grad(value)(a, b)
+        return a - 1e-3 * slope, found + 1e-30 * jnp.sum(x @ x)
+    return jax.lax.scan(step, a, None, length=5)
+
+calls = [
+    lambda k: batch(curves(16 + k % 100, 3, k), curves(16 + k % 100, 3, k + 1)),
+    lambda k: slopes(curves(8, 30, 0), curves(8, 30, 1)),
+    lambda k: batch(curves(64, 100, 2), curves(64, 100, 3)),
+    lambda k: descend(*curves(2, 4, k), matrix),
+    lambda k: project(curves(1, 12, 0)[0]),
+    lambda k: least(*curves(2, 20, k)),
+    lambda k: value(*curves(2, 5, k)),
+    lambda k: large(matrix),
 ]
-for function, given in functions:
-    jax.block_until_ready(function(given))
-counts = [0] * len(functions)
+for call in calls:
+    jax.block_until_ready(call(0))
+end, counts = time.time() + float(sys.argv[1]), [0] * len(calls)
 
 def work(k):
-    function, given = functions[k]
     while time.time() < end:
-        jax.block_until_ready(function(given))
+        jax.block_until_ready(calls[k](counts[k]))
         counts[k] += 1
 
-threads = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(len(functions))]
+threads = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(len(calls))]
 for thread in threads:
     thread.start()
 while time.time() < end:

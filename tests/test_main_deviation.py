@@ -36,11 +36,18 @@ def numbers_of(out, name):
 
 
 def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
-    status, out, _ = run("deviation", "square.ply", "plane.obj", "--threshold", "1.118", "--plot", "picture.png")
+    status, out, _ = run(
+        "deviation", "square.ply", "plane.obj", "--threshold", "1.118", "--plot", "picture.png", "--quantile", "0.625"
+    )
     assert plt.get_fignums() == []
     cosine = 1 / np.sqrt(1.25)
     exact = {"mean": 1.25 * cosine, "rms": cosine * np.sqrt(1.25**2 + 1 / 48), "maximum": 1.5 * cosine}
-    exact |= {"area of A": 1.0, "50% within": 1.25 * cosine, "fraction within 1.118": 2 * (1.118 / cosine - 1)}
+    exact |= {
+        "area of A": 1.0,
+        "50% within": 1.25 * cosine,
+        "62.5% within": 1.3125 * cosine,
+        "fraction within 1.118": 2 * (1.118 / cosine - 1),
+    }
     for name, value in exact.items():
         lower, upper = numbers_of(out, name)
         assert lower <= value <= upper, name
@@ -54,12 +61,15 @@ def test_the_page_shows_the_mesh(run):
 
 
 def test_json_holds_the_same_and_what_was_asked(run):
-    status, out, _ = run("deviation", "square.ply", "plane.obj", "--json", "--threshold", "9", "--rtol", "0.01")
+    asked = "--json", "--threshold", "9", "--rtol", "0.01", "--quantile", "0.95"
+    status, out, _ = run("deviation", "square.ply", "plane.obj", *asked)
     stored = json.loads(out)
     lower, upper = stored["solution"]["mean"].values()
     assert status == 0 and lower <= 1.25 / np.sqrt(1.25) <= upper
     assert stored["type"] == "Deviation" and stored["context"]["rtol"] == 0.01
     assert stored["solution"]["fraction_within"]["lower"] > 0.999
+    lower, upper = stored["solution"]["quantiles"]["0.95"].values()
+    assert lower <= 1.475 / np.sqrt(1.25) <= upper <= 1.01 * lower
 
 
 def test_what_is_refused_is_told_in_one_line(run):

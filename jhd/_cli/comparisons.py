@@ -195,7 +195,8 @@ def deviation(options: Namespace) -> int:
     check_writable(options.out, ".json")
     tolerances = tolerances_of(options, a, b)
     threshold = None if options.threshold is None else options.threshold.of(a, b)
-    asked = {"rtol": options.rtol, "atol": tolerances["atol"], "throw": False}
+    q = options.quantile
+    asked = {"rtol": options.rtol, "atol": tolerances["atol"], "quantile": q, "throw": False}
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: jhd.deviation(a, b, **asked, progress=show))
     within = None if threshold is None else found.fraction_within(threshold)
@@ -205,12 +206,14 @@ def deviation(options: Namespace) -> int:
             deviation_picture(options.plot, found)
     if drawn.get("page"):
         write_page(options.html, found)
-    asked = {"a": options.a, "b": options.b, "threshold": threshold, **tolerances, **box_of(a, b)}
-    content = found.to_dict() | ({} if within is None else {"fraction_within": to_plain(within)})
+    asked = {"a": options.a, "b": options.b, "threshold": threshold, "quantile": q, **tolerances, **box_of(a, b)}
+    content: Any = found.to_dict() | ({} if within is None else {"fraction_within": to_plain(within)})
+    if q is not None:
+        content["quantiles"][str(q)] = to_plain(found.quantile(q))
     if delivered(options, found, content, **asked, diagonal=size, seconds=seconds):
         return exit_status(found)
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
-    print(deviation_text(found, threshold, size), end="\n\n")
+    print(deviation_text(found, threshold, q, size), end="\n\n")
     _print_run(seconds, size)
     print_files(**drawn, result=options.out)
     return exit_status(found)

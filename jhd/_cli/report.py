@@ -74,10 +74,11 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
     return "\n".join(lines)
 
 
-def deviation_text(found: Deviation, threshold: float | None, diagonal: float) -> str:
+def deviation_text(found: Deviation, threshold: float | None, quantile: float | None, diagonal: float) -> str:
     """A table of the bounds of a deviation."""
     rows: dict[str, Any] = {"maximum": found.maximum, "rms": found.rms, "mean": found.mean}
-    rows |= {f"{q:.0%} within": found.quantile(q) for q in (0.5, 0.9, 0.99)}
+    shares = sorted({0.5, 0.9, 0.99} | (set() if quantile is None else {quantile}))
+    rows |= {f"{100 * q:.12g}% within": found.quantile(q) for q in shares}
     lengths = len(rows)
     if threshold is not None:
         rows[f"fraction within {threshold!r}"] = found.fraction_within(threshold)

@@ -127,11 +127,10 @@ def deviation(
     """
     a, b = taken_as("a", a), taken_as("b", b)
     absolute, relative = _checked(a, b, atol, rtol, max_cells)
-    tolerance = BranchAndBound(atol=absolute, rtol=relative)
-    maximum = directed_hausdorff(a, b, tolerance, throw=False, progress=progress)
-    counts = checked_weights(a, weights)
+    tolerance, counts = BranchAndBound(atol=absolute, rtol=relative), checked_weights(a, weights)
     if quantile is not None:
         check_share("quantile", quantile)
+    maximum = directed_hausdorff(a, b, tolerance, throw=False, progress=progress)
     asked = _Asked(absolute, relative, quantile, max_cells)
     found, pair, measure = _distributed(a, b, asked, counts, maximum, progress)
     deviation = _in_units(a, b, maximum, found, pair, measure)

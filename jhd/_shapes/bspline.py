@@ -24,11 +24,7 @@ from jhd._shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd._shapes.foreign import SciPySpline
 from jhd._shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd._shapes.joints import completed
-from jhd._shapes.knots import bezier_pieces, evaluate, insert, parted, ratio, unrolled
-
-# Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
-_KNOT_ULPS = 8
-
+from jhd._shapes.knots import bezier_pieces, evaluate, insert, not_repeated, parted, ratio, tolerance, unrolled
 
 _NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(control_points, degree) or .uniform(...)"
 
@@ -415,8 +411,8 @@ def _check_knots(knots: np.ndarray, count: int, periodic: bool) -> None:
         raise ValueError(f"knots[{first}] and knots[{last}] are both {knots[first]:g}; the domain has length zero.")
     if not periodic:
         return
-    wanted = knots[: degree + 1] + (knots[count] - knots[0])
-    bad = np.flatnonzero(np.abs(knots[count:] - wanted) > _tolerance(knots))
+    loose, wanted = not_repeated(knots, degree)
+    bad = np.flatnonzero(loose)
     if len(bad):
         k = int(bad[0])
         raise ValueError(
@@ -424,15 +420,11 @@ def _check_knots(knots: np.ndarray, count: int, periodic: bool) -> None:
         )
 
 
-def _tolerance(values: np.ndarray) -> float:
-    return _KNOT_ULPS * float(np.finfo(values.dtype).eps) * float(np.max(np.abs(values)))
-
-
 def _repeats(points: np.ndarray, knots: np.ndarray, degree: int) -> bool:
     """Whether an open spline is the unrolled form of a periodic one."""
     pieces = len(points) - degree
     if pieces < max(degree, 1):
         return False
-    same_points = np.abs(points[pieces:] - points[:degree]) <= _tolerance(points)
-    same_knots = np.abs(knots[pieces:] - knots[: 2 * degree + 1] - (knots[pieces] - knots[0])) <= _tolerance(knots)
+    same_points = np.abs(points[pieces:] - points[:degree]) <= tolerance(points)
+    same_knots = np.abs(knots[pieces:] - knots[: 2 * degree + 1] - (knots[pieces] - knots[0])) <= tolerance(knots)
     return bool(np.all(same_points) and np.all(same_knots))

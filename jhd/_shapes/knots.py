@@ -19,6 +19,9 @@ from jaxtyping import Array, Float, Int
 
 from jhd._runtime.arrays import module_of
 
+# Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
+_KNOT_ULPS = 8
+
 
 def blossom(
     points: Float[Any, "*#rows points width"],
@@ -71,6 +74,19 @@ def unrolled(knots: Any, p: int, periodic: bool) -> Any:
     return xp.concatenate([knots, knots[-1] + (knots[p + 1 : 2 * p + 1] - knots[p])])
 
 
+def not_repeated(knots: Any, p: int) -> tuple[Any, Any]:
+    """Which of the last knots of a periodic spline are not the first ones one period later, and what these are."""
+    xp, n = module_of(knots), knots.shape[0] - p - 1
+    wanted = knots[: p + 1] + (knots[n] - knots[0])
+    return xp.abs(knots[n:] - wanted) > tolerance(knots), wanted
+
+
+def tolerance(values: Any) -> Any:
+    """How far numbers may be apart that are to repeat."""
+    xp = module_of(values)
+    return _KNOT_ULPS * float(np.finfo(values.dtype).eps) * xp.max(xp.abs(values))
+
+
 def spans(knots: Any, p: int, periodic: bool) -> tuple[Any, Any, Any]:
     """For each piece of the domain the non-empty span that carries it, and the parameters of its ends.
 
@@ -102,16 +118,18 @@ def bezier_pieces(h: Any, knots: Any, p: int, periodic: bool) -> tuple[Any, Any]
 
     It may where the multiplicity of the knot exceeds p, and before the first piece of an open curve there is nothing.
     Elsewhere a piece starts with the end of the one before it, so that rounding leaves no gap. NumPy's arrays are
-    worked on by NumPy. If knots decrease, as after a step of an optimizer, or the domain has no length,
-    there is no spline: points are NaN.
+    worked on by NumPy. If knots decrease or do not repeat, as after a step of an optimizer, or the domain has no
+    length, there is no spline: points are NaN.
     """
     xp = module_of(h)
     span, lower, upper = spans(knots, p, periodic)
     pieces = bezier_points(*local_arrays(h, knots, p, span), lower, upper)
     count = span.shape[0]
     jumps = (knots[p : p + count] == knots[:count]) | ((np.arange(count) == 0) & (not periodic))
-    rising = xp.all(knots[1:] >= knots[:-1]) & (knots[p + count] > knots[p])
-    pieces = xp.where(rising, pieces, xp.nan)
+    valid = xp.all(knots[1:] >= knots[:-1]) & (knots[p + count] > knots[p])
+    if periodic:
+        valid = valid & ~xp.any(not_repeated(knots[: knots.shape[0] - p], p)[0])
+    pieces = xp.where(valid, pieces, xp.nan)
     starts = xp.where(jumps[:, None], pieces[:, 0], xp.roll(pieces[:, -1], 1, axis=0))
     return xp.concatenate([starts[:, None], pieces[:, 1:]], axis=1), jumps
 

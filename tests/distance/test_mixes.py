@@ -102,13 +102,44 @@ def test_a_farthest_point_on_a_ridge_of_an_implicit_surface_takes_few_cells():
     assert int(found.stats["cells"]) < 20_000
 
 
+def dome(height):
+    """Bilinear patches over the four quarters of a square, whose heights are those of its corners and middles."""
+    places = [[(i, j) for j in (-1, 0, 1)] for i in (-1, 0, 1)]
+    points = np.array([[(*place, height(*place)) for place in row] for row in places], float)
+    return jhd.BezierPatches([points[i : i + 2, j : j + 2] for i in (0, 1) for j in (0, 1)])
+
+
+def smooth(height):
+    """A cubic spline surface over a square, with a knot in the middle of both parameters."""
+    xs, knots = np.linspace(-1, 1, 5), [0, 0, 0, 0, 0.5, 1, 1, 1, 1]
+    return jhd.BSplineSurface([[(x, y, height(x, y)) for y in xs] for x in xs], knots, knots)
+
+
+# Shapes with their highest point, and what that is.
+TOPS = {
+    "apex of a mesh": (
+        jhd.TriangleMesh([(0, 0, 1), (-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3), (0, 3, 1)]),
+        "corner",
+    ),
+    "corner of a curve": (jhd.polyline([(-1, 0, 0), (0, 0, 1), (1, 0.5, 0)]), "corner"),
+    "end of a curve": (jhd.polyline([(-1, 0, 0), (0, 0, 1)]), "a_end"),
+    "knot of a curve": (
+        jhd.BSplineCurve([(-1, 0, 0), (-0.5, 0, 1), (0, 0, 1), (0.5, 0, 1), (1, 0, 0)], [0, 0, 0, 0, 0.5, 1, 1, 1, 1]),
+        "b_end",
+    ),
+    "apex of patches": (dome(lambda x, y: 1 - 0.5 * (abs(x) + abs(y))), "corner"),
+    "end of a ridge": (dome(lambda x, y: 1 - 0.5 * abs(x) - 0.2 * y), "a_end"),
+    "corner of patches": (dome(lambda x, y: 0.4 * x + 0.3 * y), "a_end"),
+    "knot of a surface": (smooth(lambda x, y: 1 - 0.2 * (x * x + y * y)), "b_end"),
+}
+
+
 @pytest.mark.slow
-def test_the_apex_of_a_mesh_is_a_corner_whatever_it_is_far_from():
-    apex = jhd.TriangleMesh([(0, 0, 1), (-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3), (0, 3, 1)])
-    for name in ("patch", "mesh"):
-        found = jhd.directed_hausdorff(apex, PLANES[name])
-        np.testing.assert_allclose(found.witness.point, [0, 0, 1], atol=1e-12)
-        assert name_of(found.witness.event) == "corner", name
+def test_the_farthest_place_on_a_border_of_a_piece_is_an_end_a_corner_or_neither():
+    for name, (top, event) in TOPS.items():
+        for plane in ("patch", "mesh"):
+            found = jhd.directed_hausdorff(top, PLANES[plane])
+            assert name_of(found.witness.event) == event, (name, plane)
 
 
 @pytest.mark.parametrize(

@@ -518,6 +518,7 @@ def test_knots_that_an_optimizer_has_let_decrease_are_refused():
             distance(wrong)
         found = jax.jit(distance)(wrong)
         assert name_of(found.result) == "nonfinite_value" and float(found.upper) == np.inf
-    # Nor is there a spline over a domain of length zero.
-    found = jax.jit(distance)(eqx.tree_at(of_curve, curve, jnp.zeros_like(curve.knots)))
-    assert name_of(found.result) == "nonfinite_value" and float(found.upper) == np.inf
+    # Nor is there a spline over a domain of length zero, nor one whose last knot is another than the first.
+    for knots in (jnp.zeros_like(curve.knots), curve.knots.at[-1].add(0.25)):
+        found = jax.jit(distance)(eqx.tree_at(of_curve, curve, knots))
+        assert name_of(found.result) == "nonfinite_value" and float(found.upper) == np.inf

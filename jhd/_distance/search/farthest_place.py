@@ -377,7 +377,9 @@ class FarthestSearch(AbstractSearch):
         dtype = self._frame.center.dtype
         feet, shares, at_border = self._places.active(place, gap)
         several = np.count_nonzero(shares) > 1
-        event = EVENTS.one_to_two if several else self._source.border_event if at_border else EVENTS.b_end
+        event = EVENTS.one_to_two if several else EVENTS.b_end
+        if at_border and not several:
+            event = self._source.border_event(place.piece, place.x, place.point - place.foot.point[0])
         t, params = self._source.parameters(place.x), self._target.parameters(feet.t)
         numbers = (np.asarray(x, dtype) for x in (t, params, shares))
         segments = np.asarray(place.piece), np.asarray(feet.segment)

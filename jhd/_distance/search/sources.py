@@ -37,6 +37,9 @@ _LANES = 8
 _LONG, _THIN = 0.6, 16
 # The share of a cell that each part has at least where it is cut at a place.
 _INSET = 0.05
+# Borders of pieces are compared at so many points; they are one if these agree to so many units of roundoff of the
+# largest coordinate. A place on it is not a corner if the vector to its foot is normal to the surface within this much.
+_COMPARED, _JOINT_ULPS, _NORMAL = 5, 64, 1e-6
 
 
 class CellRows(NamedTuple):
@@ -76,9 +79,6 @@ class AbstractSource(ABC):
     Its cells have parameters; those of an implicit surface are coordinates.
     """
 
-    # The event of a farthest place on a border of a piece.
-    border_event = EVENTS.a_end
-
     @abstractmethod
     def cover(self) -> CellRows:
         """Cells that cover all of it."""
@@ -107,6 +107,10 @@ class AbstractSource(ABC):
     def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
         """A place of it near one that was found, with its error, by default that of those known."""
         return place, radius
+
+    def border_event(self, piece: int, x: np.ndarray, apart: np.ndarray) -> EVENTS:
+        """How the distance is largest at a place on a border of a piece, by the vector from its foot to the place."""
+        return EVENTS.a_end
 
     @abstractmethod
     def parameters(self, x: np.ndarray) -> np.ndarray:
@@ -160,7 +164,7 @@ class NetSource(AbstractSource):
         x = cells.low[:, None] + shares * (cells.high - cells.low)[:, None]
         x = np.minimum(x, cells.high[:, None])
         piece = np.repeat(cells.piece, len(shares))
-        points = in_blocks(_points, self._net, piece, x.reshape(-1, n)).reshape(*x.shape[:2], 3)
+        points = self._points_at(piece, x.reshape(-1, n)).reshape(*x.shape[:2], 3)
         return PlacesOfCells(points, np.full(x.shape[:2], point_error(self._net)), x)
 
     @override
@@ -171,6 +175,49 @@ class NetSource(AbstractSource):
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         along = units(np.asarray(_tangents(self._net, piece, x), np.float64))
         return np.concatenate([along, -along]), np.concatenate([along[x < 1], -along[x > 0]])
+
+    @override
+    def border_event(self, piece: int, x: np.ndarray, apart: np.ndarray) -> EVENTS:
+        """A free end, a corner, or what it would be inside of a piece, where pieces join smoothly."""
+        if not self._is_joint(piece, x):
+            return EVENTS.a_end
+        pulls = self.rays(piece, x)[0] @ units(apart[None])[0]
+        return EVENTS.b_end if bool(np.all(np.abs(pulls) <= _NORMAL)) else EVENTS.corner
+
+    def _is_joint(self, piece: int, x: np.ndarray) -> bool:
+        """Whether another border of a piece lies along each border through a place.
+
+        Borders are compared at some points. Those that are a single point, as at a pole, are none.
+        """
+        borders, n = self._borders(), len(x)
+        near = _JOINT_ULPS * np.finfo(borders.dtype).eps * np.max(np.abs(borders))
+        apart = lambda points, others: np.max(np.abs(points - others), axis=(-2, -1))  # noqa: E731
+        if n == 1:
+            here = borders[2 * piece + int(x[0] > 0)]
+            return np.count_nonzero(apart(here, borders) <= near) > 1
+        long = apart(borders, borders[:, :1]) > near
+        own = 4 * piece + np.array([2 * k + int(x[k] > 0) for k in range(n) if x[k] in (0.0, 1.0)])
+        through = own
+        if len(own) > 1 or not np.all(long[own]):
+            point = self._points_at(piece, x[None])
+            ends = np.minimum(apart(point, borders[:, :1]), apart(point, borders[:, -1:]))
+            through = np.flatnonzero(long & (ends <= near))
+        same = [(apart(borders[k], borders) <= near) | (apart(borders[k][::-1], borders) <= near) for k in through]
+        return all(np.count_nonzero(row) > 1 for row in same)
+
+    def _borders(self) -> np.ndarray:
+        """Points along the borders of all pieces: where the first parameter is 0 and 1, then the second."""
+        n = self._net.parameters
+        shares = np.linspace(0, 1, _COMPARED if n == 2 else 1)
+        x = np.empty((self._count, 2 * n, len(shares), n), np.asarray(self._net.points).dtype)
+        for side in range(2 * n):
+            x[:, side] = shares[:, None]
+            x[:, side, :, side // 2] = side % 2
+        piece = np.repeat(np.arange(self._count), 2 * n * len(shares))
+        return self._points_at(piece, x.reshape(-1, n)).reshape(-1, len(shares), 3)
+
+    def _points_at(self, piece: Any, x: np.ndarray) -> np.ndarray:
+        return in_blocks(_points, self._net, np.broadcast_to(piece, len(x)), x)
 
     @override
     def parameters(self, x: np.ndarray) -> np.ndarray:
@@ -186,8 +233,6 @@ class MeshSource(AbstractSource):
     Args:
         corners: of the triangles, in common coordinates.
     """
-
-    border_event = EVENTS.corner
 
     def __init__(self, corners: np.ndarray):
         self._corners = corners
@@ -234,6 +279,10 @@ class MeshSource(AbstractSource):
         pairs = [(i, j) for i in range(3) for j in range(3) if i != j]
         along = units(np.stack([v[i] - v[j] for i, j in pairs]))
         return along, along[[weights[j] > 0 for _, j in pairs]]
+
+    @override
+    def border_event(self, piece: int, x: np.ndarray, apart: np.ndarray) -> EVENTS:
+        return EVENTS.corner
 
     @override
     def parameters(self, x: np.ndarray) -> np.ndarray:
