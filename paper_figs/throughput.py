@@ -15,6 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
 _MARK: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredgewidth": 0.4}
+_BATCHES: dict[str, dict[str, Any]] = {
+    "batch": {"color": VERMILLION, "marker": "o", "zorder": 3},
+    "batch in the program": {"color": VERMILLION, "marker": "s", "markerfacecolor": "white", "linestyle": (0, (3, 1.5))},
+}
 _LOOPS: dict[str, dict[str, Any]] = {
     "one by one": {"color": BLUE, "linestyle": (0, (4, 1.2)), "label": "jhd, one by one, compiled"},
     "plain": {"color": GREEN, "linestyle": (0, (1, 1)), "label": "jhd, plain calls"},
@@ -34,7 +38,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
     with style():
         figure = Figure(figsize=(175 * MM, 72 * MM), layout="constrained")
         axes = figure.subplots(1, len(_TITLES), sharex=True, sharey=True)
-        device = "one CPU core" if numbers["platform"] == "cpu" else numbers["kind"]
+        device = f"{numbers['cores']} CPU cores" if numbers["platform"] == "cpu" else numbers["kind"]
         for ax, (name, title), number in zip(axes, _TITLES.items(), "ab", strict=True):
             if name in numbers["kinds"]:
                 _draw(ax, numbers["kinds"][name])
@@ -47,15 +51,15 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         axes[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4, handlelength=2.4, columnspacing=1.4)
+        figure.legend(handles, labels, loc="outside lower center", ncols=5, handlelength=2.4, columnspacing=1.4)
     return figure
 
 
 def _draw(ax: Axes, found: dict[str, Any]) -> None:
     """The batches, and levels of what goes one by one."""
-    size = [entry["size"] for entry in found["batches"]]
-    rate = [1 / entry["seconds"] for entry in found["batches"]]
-    ax.loglog(size, rate, color=VERMILLION, marker="o", label="jhd, batch", zorder=3, **_MARK)
+    size = [entry["size"] for entry in found["batches"]["batch"]]
+    for way, rows in found["batches"].items():
+        ax.loglog(size, [1 / entry["seconds"] for entry in rows], label=f"jhd, {way}", **_BATCHES[way], **_MARK)
     levels = {name: 1 / found["loops"][name]["seconds"] for name in _LOOPS}
     for name, line in _LOOPS.items():
         ax.axhline(levels[name], linewidth=1.2, **{key: line[key] for key in ("color", "linestyle", "label")})

@@ -43,6 +43,22 @@ def test_static_arguments_are_constants_of_the_program():
     assert compiled(power, static=(1,))(jnp.array(3.0), 2) == 9.0
 
 
+def test_a_program_for_large_arguments_is_compiled_once(monkeypatch):
+    # It is compiled before the memory that it takes can be asked for; to jit that would not be known.
+    monkeypatch.setenv("JHD_CACHE", "0")
+    total, compilations = compiled(lambda x, k: k * jnp.sum(x), static=(1,)), []
+
+    def listener(event: str, *_: object, **__: object) -> None:
+        compilations.append(event) if "backend_compile" in event else None
+
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        assert [float(total(np.ones(1 << 18), 2)) for _ in range(2)] == [2.0**19] * 2
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+    assert len(compilations) == 1
+
+
 @pytest.mark.slow
 def test_programs_are_dropped_near_the_limit_and_made_again(monkeypatch, tmp_path):
     traced = []

@@ -170,8 +170,8 @@ class _Plain:
         self.count, self.last = 0, 0
         # Kinds of arguments that there are programs for; dropped ones are made anew without being asked about.
         self._static, self._kinds = static, set()
-        # Sizes of large arguments of which it is known that there is room.
-        self._asked: set[Any] = set()
+        # Programs for large arguments, for which there is room.
+        self._large: dict[Any, Any] = {}
         with _changing:
             _programs.add(self)
 
@@ -181,27 +181,35 @@ class _Plain:
         kinds = tree, tuple([args[i] for i in self._static]), tuple([(np.shape(x), _type(x)) for x in leaves])
         if kinds not in self._kinds:
             _ask()
-        if sum(getattr(x, "nbytes", 0) for x in leaves) > _LARGE:
-            sizes = tuple(np.shape(x) for x in leaves)
-            # Asked once: lowering for it takes as long as a search of some steps, each time.
-            if sizes not in self._asked:
-                with _uncollected():
-                    _check_room(program.lower(*args).compile())
-                self._asked.add(sizes)
         with searches_in_program():
-            result = program(*args)
+            if sum(getattr(x, "nbytes", 0) for x in leaves) > _LARGE and not _is_watched() and _usual(leaves):
+                result = self._with_room(program, kinds, leaves, args)
+            else:
+                result = program(*args)
         self._kinds.add(kinds)
-        count = count_executables(program)
+        count = count_executables(program) + len(self._large)
         if count != self.count:
             self.count = count
             make_room()
         return result
+
+    def _with_room(self, program: Any, kinds: Any, leaves: list[Any], args: tuple) -> Any:
+        """The results, if there is memory for them. Jit would compile what was compiled to ask this once more."""
+        key = trace_context and trace_context(), kinds, tuple([_kind(x) for x in leaves])
+        run = self._large.get(key)
+        if run is None:
+            with _uncollected():
+                run = program.lower(*args).compile()
+            _check_room(run)
+            self._large[key] = run
+        return run(*[x for i, x in enumerate(args) if i not in self._static])
 
     def clear(self) -> None:
         """Drop all executables."""
         if self.count:
             program: Any = self._made()
             program.clear_cache()
+            self._large.clear()
             self.count = 0
 
 
@@ -219,8 +227,7 @@ class _Kept:
             _programs.add(self)
 
     def __call__(self, *args: Any) -> Any:
-        # Where results are looked at one by one, that is left to jit.
-        if jax.config.jax_debug_nans or jax.config.jax_debug_infs:  # pyright: ignore[reportAttributeAccessIssue]
+        if _is_watched():
             return self._plain(*args)
         static, self.last = self._static, next(_calls)
         fixed = tuple([(type(args[i]), args[i]) for i in static])
@@ -322,6 +329,11 @@ def _tried(found: Any, leaves: list[Any]) -> tuple[Any, Any]:
         return found, jax.block_until_ready(found[0](*leaves))
     except jax.errors.JaxRuntimeError:
         return None, None
+
+
+def _is_watched() -> bool:
+    """Whether results are looked at one by one, which is left to jit."""
+    return jax.config.jax_debug_nans or jax.config.jax_debug_infs  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _kind(x: Any) -> Any:

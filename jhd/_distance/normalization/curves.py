@@ -29,8 +29,8 @@ _COUNTS = (48, 96, *(size for k in range(6, 24) for size in (3 * 2**k, 4 * 2**k)
 # segments instead of 48 take two thirds of the time, and in work that looks at every segment many times.
 _SMALL_COUNTS = (4, 16)
 _DEGREES = (3, 6, 10)
-# Up to this number both curves of a pair may share one size.
-_SHARED = 96
+# Up to this number both curves of a pair share one size; beyond it, if the smaller size is this share of the larger.
+_SHARED, _ALIKE = 96, 0.5
 
 
 def padded_count(count: int, small: bool = False) -> int:
@@ -84,13 +84,14 @@ def replaced(curve: BezierSegments, good: Any) -> BezierSegments:
 
 
 def shared_count(first: int, second: int, small: bool = False) -> tuple[int, int]:
-    """The numbers of segments of two curves where programs are to be few: one for both, but for long curves.
+    """The numbers of segments of two curves where programs are to be few: one for both if they are about equal.
 
-    Repeated segments cost a search little up to a hundred.
+    Each size takes seconds to compile. Repeated segments cost a search little up to a hundred, and at most a tenth of
+    its time if they are half of the longer curve.
     """
     counts = padded_count(first, small), padded_count(second, small)
     most = max(counts)
-    return (most, most) if most <= _SHARED else counts
+    return (most, most) if most <= _SHARED or min(counts) >= _ALIKE * most else counts
 
 
 def prepare(

@@ -194,7 +194,7 @@ class NetSource(AbstractSource):
         apart = lambda points, others: np.max(np.abs(points - others), axis=(-2, -1))  # noqa: E731
         if n == 1:
             here = borders[2 * piece + int(x[0] > 0)]
-            return np.count_nonzero(apart(here, borders) <= near) > 1
+            return bool(np.count_nonzero(apart(here, borders) <= near) > 1)
         long = apart(borders, borders[:, :1]) > near
         own = 4 * piece + np.array([2 * k + int(x[k] > 0) for k in range(n) if x[k] in (0.0, 1.0)])
         through = own

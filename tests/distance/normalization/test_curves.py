@@ -208,9 +208,11 @@ def test_the_whole_table_needs_at_most_nine_programs():
     assert len(sizes) <= 9
 
 
-def test_long_curves_do_not_share_a_size():
+def test_long_curves_share_a_size_where_they_are_about_equal():
     assert shared_count(1, 90) == (96, 96)
     assert shared_count(1, 100) == (48, 192)
+    assert shared_count(100, 90) == shared_count(90, 100) == (192, 192)
+    assert shared_count(600, 800) == (1024, 1024) and shared_count(200, 800) == (256, 1024)
     assert shared_count(1, 90, small=True) == (96, 96)
     assert shared_count(1, 100, small=True) == (4, 192)
 
