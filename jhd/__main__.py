@@ -1,9 +1,10 @@
 """The command line: `jhd` or `python -m jhd`; without a command it runs the demonstration.
 
 Exit status: 0 done, and the requested property holds; 1 the bounds are true but wider than requested, or a certificate
-cannot be proven; 2 invalid input, with one line on stderr; 4 `jhd verify` refuses a certificate; 5 the self-check of
-`jhd doctor` fails; 70 unexpected error (JHD_TRACEBACK=1 shows its location); 130 interrupted, with the bounds reached,
-if any; 141 the reader of the output closed it. With --threshold: 0 certified yes, 3 certified no, 1 undecided.
+cannot be made or is not checked in time; 2 invalid input, with one line on stderr; 4 `jhd verify` refuses one; 5 the
+self-check of `jhd doctor` fails; 70 unexpected error (JHD_TRACEBACK=1 shows its location); 130 interrupted, with the
+bounds reached, if any; 141 the reader of the output closed it. With --threshold: 0 certified yes, 3 certified no, 1
+undecided.
 """
 
 import argparse
@@ -48,13 +49,15 @@ _MANY_EPILOG = f"""\
 For several shapes, give a folder (its .txt files are left out), a quoted pattern of files ("scans/*.ply"), or all
 letters of a font (font:NAME:*).
 """
+# Options that name a file, a folder or a method.
+_NAMES = ("out", "plot", "html", "certificate", "surface", "store", "method")
 # Exit statuses of commands, in their help.
 _STATUSES = {
     "hausdorff": "0 done; 1 bounds not closed, or no certificate; 2 invalid input. With --threshold: 0 yes, 3 no, "
     "1 undecided.",
     "duplicates": "0 done; 1 some pairs undecided; 2 invalid input.",
     "fit": "0 done; 1 tolerance not reached; 2 invalid input.",
-    "verify": "0 proven; 2 invalid input; 4 certificate refused.",
+    "verify": "0 proven; 1 not checked in the time; 2 invalid input; 4 certificate refused.",
     "precompile": "0 done; 2 invalid input.",
     "doctor": "0 self-check passed; 5 self-check failed.",
 }
@@ -85,9 +88,10 @@ examples:
   jhd doctor
 
 {_SHAPES_EPILOG}{_LENGTH_EPILOG}
-Exit status: 0 done; 1 bounds not closed, a tolerance not reached, or no certificate; 2 invalid input; 4 certificate
-refused; 5 self-check failed; 70 unexpected error; 130 interrupted, with the bounds reached; 141 output closed by its
-reader. A question (`--threshold` of hausdorff and minimum) is answered by 0 yes, 3 no, 1 undecided.
+Exit status: 0 done; 1 bounds not closed, a tolerance not reached, no certificate, or the time of its check over;
+2 invalid input; 4 certificate refused; 5 self-check failed; 70 unexpected error; 130 interrupted, with the bounds
+reached; 141 output closed by its reader. A question (`--threshold` of hausdorff and minimum) is answered by 0 yes,
+3 no, 1 undecided.
 
 Environment: JHD_CACHE=FOLDER is the folder of compiled functions, JHD_CACHE=0 keeps none. JAX_ENABLE_X64=0 computes in
 float32. JHD_TRACEBACK=1 shows the location of an unexpected error.
@@ -137,6 +141,7 @@ def _run(argv: list[str]) -> int:
         raise ValueError(f"{command} does not know: {names} (see {command} --help)")
     if options.demo is not None and options.command != "demo":
         raise ValueError(f"--out in front of {options.command} is for the demonstration; give it after the command.")
+    _check_files(options)
     from jhd._cli.console import interrupts_heard
 
     with interrupts_heard():
@@ -144,6 +149,27 @@ def _run(argv: list[str]) -> int:
 
         _switch_cache_on()
         return getattr(commands, options.command)(options)
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Raises ValueError if an option that names something is empty, or an input would be overwritten."""
+    words = {name: value for name, value in vars(options).items() if isinstance(value, str)}
+    for name in _NAMES:
+        if words.get(name) == "":
+            raise ValueError(f"--{name} is empty; give it a value, or leave it out.")
+    several = [x for value in vars(options).values() if isinstance(value, list) for x in value if isinstance(x, str)]
+    read = [value for name, value in words.items() if name not in _NAMES] + several
+    for name in _NAMES:
+        file = words.get(name)
+        if file is not None and os.path.isfile(file) and any(_is_same(file, other) for other in read):
+            raise ValueError(f"--{name} would overwrite {file}, which is read; name another file.")
+
+
+def _is_same(file: str, other: str) -> bool:
+    try:
+        return os.path.samefile(file, other)
+    except (OSError, ValueError):  # no file, as a polynomial
+        return False
 
 
 def _bad_input(message: str) -> int:

@@ -122,11 +122,23 @@ def test_a_fit_that_is_good_enough_stops():
         ({"degree": 2, "smooth": True, "segments": 2}, "degree"),
         ({"degree": 3, "segments": 0}, "segments"),
         ({"degree": 3, "ends": "loose"}, "ends"),
+        ({"degree": 3.0}, "degree is 3.0; needs a whole number"),
+        ({"degree": 3, "segments": 1.5}, "segments is 1.5; needs a whole number"),
+        ({"degree": 3, "max_steps": -1}, "max_steps is -1; needs a whole number of at least 0"),
+        ({"degree": 3, "stop_below": -1.0}, "stop_below is -1; needs a number of at least 0"),
+        ({"degree": 3, "tolerance": 1e-11}, r"tolerance is 1e-11; needs at least 1.4e-10, to which distances"),
     ],
 )
 def test_sizes_that_are_too_small_are_refused(options, message, as_a_user):
     with pytest.raises(ValueError, match=message):
         jhd.fit_curve(quarter(), **options)
+
+
+def test_a_fit_that_misses_its_tolerance_says_so(as_a_user):
+    [fit] = jhd.fit_outline(quarter(), 1e-5, max_segments=1)
+    assert float(fit.error.upper) > 1e-5 and name_of(fit.result) == "fit_tolerance_missed" and not fit.ok
+    with pytest.raises(ValueError, match="max_segments is 0; needs a whole number of at least 1"):
+        jhd.fit_outline(quarter(), 1e-5, max_segments=0)
 
 
 def test_degrees_beyond_those_served_are_refused_at_once():

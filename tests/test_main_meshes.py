@@ -1,6 +1,7 @@
 """The command line on meshes: distances, projections and fields."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,14 @@ def test_the_distance_of_meshes_has_a_certificate(run):
     status, out, _ = run("verify", "c.json.gz", "--max-seconds", "60")
     assert status == 0 and out.startswith("proven: ")
     status, _, err = run("verify", "c.json.gz", "--max-seconds", "1e-9")
-    assert status == 4 and " seconds or more; max_seconds is 1e-09" in err
+    assert status == 1 and " seconds or more; max_seconds is 1e-09" in err
+    status, _, err = run("verify", "c.json.gz", "--max-seconds", "nan")
+    assert status == 2 and "max_seconds is nan; needs a positive number" in err
+    # Nothing that is read is written over, and a name is not empty.
+    before = Path("a.ply").read_bytes()
+    for words in (("--certificate", "a.ply"), ("--plot", "./a.ply"), ("--plot", "")):
+        status, _, err = run("hausdorff", "a.ply", "b.obj", *words)
+        assert status == 2 and ("would overwrite" in err) == bool(words[1]) and Path("a.ply").read_bytes() == before
 
 
 def test_the_minimum_distance_of_meshes_has_one_too(run):

@@ -27,7 +27,7 @@ from jhd._cli.options import box_of, check_writable, curve_of, kind_of, shape_of
 from jhd._cli.output import print_files
 from jhd._cli.report import check_picture_file, names_of, picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
-from jhd._distance.certificate.verification import sentence
+from jhd._distance.certificate.verification import UncheckedCertificateError, sentence
 from jhd._io.certificates import verify_file
 from jhd._io.load import load_shape
 from jhd._io.meshes import MESH_SUFFIXES
@@ -119,6 +119,9 @@ def verify(options: Namespace) -> int:
     try:
         with busy("checking") as show:
             proven = verify_file(options.file, options.max_seconds, shapes, paced(show))
+    except UncheckedCertificateError as error:
+        print(f"jhd: not checked: {options.file}: {error}", file=sys.stderr)
+        return 1
     except jhd.CertificateError as error:
         print(f"jhd: refused: {options.file}: {error}", file=sys.stderr)
         return _REFUSED
@@ -151,7 +154,7 @@ def field(options: Namespace) -> int:
     if options.surface:
         asked |= {"surface": options.surface, "resolution": options.resolution}
     facts = {"leaves": made.leaves, "unresolved": made.unresolved, "sampled_error": error, "seconds": seconds}
-    status = 0 if made.unresolved == 0 else 1
+    status = 0 if made.unresolved == 0 and error <= tolerance else 1
     if options.json:
         print(json.dumps({"shape": options.shape, "tolerance": tolerance, **asked, **box_of(shape), **facts}, indent=2))
         return status

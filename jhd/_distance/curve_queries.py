@@ -35,7 +35,7 @@ from jhd._distance.normalization.coordinates import (
     user_length,
     user_place,
 )
-from jhd._distance.normalization.curves import padded_count, replaced, trusted, usable
+from jhd._distance.normalization.curves import padded_count, replaced, usable
 from jhd._distance.normalization.host_callback import by_kept_program, from_host, like_result, of_known_rows
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import piece_of
@@ -49,6 +49,7 @@ from jhd._runtime.sharding import is_partitioned
 from jhd._shapes.checks import usable_numbers
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.joints import followed_here
+from jhd._shapes.unchecked import trusted
 
 # Queries of a block that a CPU takes one by one: it may as well be filled in part.
 _ROWS = 256

@@ -1,8 +1,10 @@
 """Results of `deviation`: statistics of the distance to one shape over another, with their bounds."""
 
+import numbers
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -95,8 +97,8 @@ class Deviation(AbstractSolution):
         Raises:
             ValueError: the threshold is negative or NaN.
         """
-        if not threshold >= 0:
-            raise ValueError(f"threshold is {threshold}; needs a length of at least 0.")
+        if not isinstance(threshold, numbers.Real | np.ndarray | jax.Array) or not float(threshold) >= 0:
+            raise ValueError(f"threshold is {threshold!r}; needs a length of at least 0.")
         return Bounds(*share_bounds(self._weights(), *self._values().within(threshold)))
 
     def at(self, params: Numbers | None = None) -> Projection:
@@ -188,8 +190,8 @@ class Deviation(AbstractSolution):
 
 def check_share(name: str, q: float) -> None:
     """Raises ValueError unless q is a fraction above 0 and at most 1."""
-    if not 0 < q <= 1:
-        raise ValueError(f"{name} is {q}; needs a number above 0 and at most 1.")
+    if not isinstance(q, numbers.Real | np.ndarray | jax.Array) or np.ndim(q) or not 0 < float(q) <= 1:
+        raise ValueError(f"{name} is {q!r}; needs a number above 0 and at most 1.")
 
 
 def _points_at(shape: Any, params: Any) -> Array:

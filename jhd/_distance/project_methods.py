@@ -240,7 +240,7 @@ def _check_positive(name: str, value: float) -> None:
 
 def how_closed(found: NearestOnCurve) -> Any:
     """The result of a search: whether its bounds are closed."""
-    return result_where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
+    return result_where(found.closed, RESULTS.successful, RESULTS.many_nearest_points)
 
 
 def failed(result: Any) -> Array:

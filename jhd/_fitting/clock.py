@@ -10,8 +10,8 @@ class OutOfTimeError(Exception):
 
 # What the proof at the end may take beyond the time, as a share of it.
 _FOR_PROOF = 0.1
-# Seconds that the programs of a search may take to be compiled.
-_TO_COMPILE = 30.0
+# Seconds that the programs of a search may take to be compiled: twice what a slow core takes.
+_TO_COMPILE = 10.0
 
 
 class Clock:

@@ -16,15 +16,17 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from jhd._distance.normalization.method import AbstractHausdorffMethod
+from jhd._distance.normalization.stopping import default_tolerance
+from jhd._distance.search.dispatch import diagonal_of
 from jhd._distance.statistics.statistics import AbstractStatistic
 from jhd._fitting.annealing import annealing
 from jhd._fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of
 from jhd._fitting.clock import Clock
 from jhd._fitting.sampled import lengths_of
 from jhd._fitting.ways import Limits, scales_of, way_of
-from jhd._results.solution import Built, FitSolution, Parameters
+from jhd._results.solution import RESULTS, Built, FitSolution, Parameters, name_of, with_result
 from jhd._runtime.argument_hints import refuse_tracing, traceable
-from jhd._runtime.arrays import real_array
+from jhd._runtime.arrays import check_scalar, check_whole, real_array
 from jhd._shapes.as_shape import Shape, ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
@@ -98,7 +100,7 @@ def minimize_hausdorff(
         max_steps: largest number of steps from each start.
         max_seconds: wall time in seconds after which the best fit so far is returned, with the result fit_out_of_time.
             Running work is canceled, except for the first evaluation. The certification of the error may take a tenth
-            of the time longer, and keeps the bounds that it has reached. If less than 30 s are left, fits of curves by
+            of the time longer, and keeps the bounds that it has reached. If less than 10 s are left, fits of curves by
             the Hausdorff distance skip searches that are not compiled yet, and their bounds are wider. Other fits wait
             for the compilation. None (the default) sets no limit.
         stop_below: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
@@ -137,6 +139,8 @@ def _minimized(
     progress: Callback | None = None,
 ) -> FitSolution:
     """The same as `minimize_hausdorff`, within the time of a clock."""
+    check_whole("max_steps", max_steps, 0)
+    check_scalar("stop_below", real_array("stop_below", stop_below))
     target = taken_as("target", target)
     flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
     if flat.size == 0:
@@ -231,11 +235,10 @@ def fit_curve(
             progress=progress,
         )[0]
     segments = 1 if segments is None else segments
+    check_whole("segments", segments, 1)
     closed = bool(following[-1] == 0) if closed is None else closed
     least = 3 if smooth else 2 if ends == "fixed" and segments == 1 and not closed else 1
     _check_degree(degree, least)
-    if segments < 1:
-        raise ValueError(f"segments is {segments}; needs at least 1.")
     if ends not in ("fixed", "free"):
         raise ValueError(f"ends is {ends!r}; needs 'fixed' or 'free'.")
     joints = divided(curve, segments)
@@ -289,8 +292,9 @@ def fit_outline(
     tolerance. The first multiple is so large that only a minimax fit can meet the tolerance. Smaller multiples, with
     more segments, follow until a fit meets it. A smaller number of segments is not ruled out.
 
-    If a contour exceeds the tolerance even with `max_segments`, its `error` says so. The end points of open contours
-    are kept. A closed contour starts at a corner if it has one.
+    If a contour exceeds the tolerance even with `max_segments`, its `result` is `fit_tolerance_missed`, or
+    `fit_out_of_time` if the time was over. The end points of open contours are kept. A closed contour starts at a
+    corner if it has one.
 
     >>> import jhd
     >>> quarter = jhd.BezierSegments(jhd.circle([0, 0], 1).control_points[:1], jhd.circle([0, 0], 1).weights[:1])
@@ -300,11 +304,11 @@ def fit_outline(
 
     Args:
         target: outline of one or several contours, each with its segments in order.
-        tolerance: largest certified Hausdorff distance between a contour and its fit, positive, in the unit of the
-            coordinates.
+        tolerance: largest certified Hausdorff distance between a contour and its fit, in the unit of the coordinates;
+            at least 1e-10 of the diagonal of the target's box, to which distances are certified.
         degree: degree of the segments, 1 to 32.
         smooth: whether the tangent is continuous at the joints inside a contour. By default joints may be corners.
-        max_segments: largest number of segments of one contour.
+        max_segments: largest number of segments of one contour, at least 1.
         max_steps: largest number of steps of one fit. A fit stops as soon as it is within the tolerance.
         max_seconds: wall time in seconds for all contours together; see `minimize_hausdorff`. When it is over, the
             best fits so far are returned, which may exceed the tolerance.
@@ -315,10 +319,12 @@ def fit_outline(
 
     Raises:
         TypeError: the target is no curve.
-        ValueError: the target is a point set, the degree is out of range, or the tolerance is not positive.
+        ValueError: the target is a point set, a number is out of range, or the tolerance is too small.
     """
     refuse_tracing("fit_outline", target)
     _check_degree(degree, 1)
+    check_whole("max_segments", max_segments, 1)
+    check_whole("max_steps", max_steps, 0)
     given, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", given)
     curve = given.segments()
@@ -326,6 +332,10 @@ def fit_outline(
     limit = real_array("tolerance", tolerance)
     if limit.shape != () or not float(limit) > 0:
         raise ValueError(f"tolerance is {limit}; needs one positive number.")
+    least = float(default_tolerance(diagonal_of(curve), np.dtype(limit.dtype), 0.0))
+    if float(limit) < least:
+        why = "to which distances of this size are certified."
+        raise ValueError(f"tolerance is {float(limit):g}; needs at least {1.01 * least:.2g}, {why}")
     found = []
     for contour in contours(curve):
         start = from_a_corner(contour, _reach(contour, float(limit)))
@@ -360,7 +370,10 @@ def _within(
         fit = _minimized(build, start, contour, clock, max_steps=max_steps, stop_below=0.99 * limit, progress=progress)
         if float(fit.error.upper) <= limit or count == most or clock.is_over():
             break
-    return fit
+    if float(fit.error.upper) <= limit or name_of(fit.result) != "successful":
+        return fit
+    late = clock.is_over() or name_of(fit.error.result) == "interrupted"
+    return with_result(fit, RESULTS.fit_out_of_time if late else RESULTS.fit_tolerance_missed)
 
 
 def _reach(contour: BezierSegments, limit: float) -> float:
@@ -410,5 +423,6 @@ def _rows(starts: Any) -> list[Any]:
 
 
 def _check_degree(degree: int, least: int) -> None:
+    check_whole("degree", degree, least)
     if not least <= degree <= _LARGEST_DEGREE:
         raise ValueError(f"degree is {degree}; needs at least {least} and at most {_LARGEST_DEGREE}.")

@@ -31,7 +31,7 @@ from jhd._distance.nearest.curves import repeated
 from jhd._distance.nearest.feet import follow_foot
 from jhd._distance.nearest.near_curve import near_curve
 from jhd._distance.normalization.coordinates import Frame, extremes, frame_of
-from jhd._distance.normalization.curves import padded_count, replaced, trusted, usable
+from jhd._distance.normalization.curves import padded_count, replaced, usable
 from jhd._distance.normalization.custom_derivatives import carrying
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.method import AbstractHausdorffMethod, check_serves
@@ -42,6 +42,7 @@ from jhd._runtime.compiled import compiled
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
+from jhd._shapes.unchecked import trusted
 
 # Weight of all samples relative to the farthest point: a larger weight makes S smoother and larger.
 WEIGHT = 63

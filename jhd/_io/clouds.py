@@ -1,5 +1,6 @@
 """Point clouds: rows of coordinates in text (.xyz, .csv, .txt), a NumPy array (.npy), or the vertices of a PLY file."""
 
+import os
 from io import StringIO
 from pathlib import Path
 
@@ -55,11 +56,16 @@ def load_points(file: str | Path) -> BezierSegments:
 def _array(file: str) -> np.ndarray:
     try:
         # Mapped: an array that the file is too short for is refused before there is room for it.
-        return np.array(np.load(file, mmap_mode="r", allow_pickle=False))
+        mapped = np.load(file, mmap_mode="r", allow_pickle=False)
     except OSError:
         raise
     except Exception as error:  # NumPy's reader of headers has many kinds for bytes that are none
         raise ParseError(f"not an array of numbers: {' '.join(str(error)[:200].split())}", file) from None
+    end = mapped.offset + mapped.nbytes if isinstance(mapped, np.memmap) else None
+    size = os.path.getsize(file)
+    if end is not None and end != size:
+        raise ParseError(f"byte {end}: {size - end} bytes follow the array.", file)
+    return np.array(mapped)
 
 
 def _vertices(file: str) -> np.ndarray:

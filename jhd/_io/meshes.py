@@ -198,7 +198,10 @@ def _read_stl(file: object, content: bytes) -> Polygons:
     if size < needed:
         whole = (size - start) // _STL_ROW.itemsize
         raise ParseError(f"byte {size}: ends after {whole} of {count} triangles.", file)
-    # Some programs append bytes of their own.
+    # Some programs append bytes of their own, but no triangles.
+    more, rest = divmod(size - needed, _STL_ROW.itemsize)
+    if more and not rest:
+        raise ParseError(f"byte {needed}: as many bytes follow the {count} triangles as {more} more have.", file)
     return _stl_rows(content, start, count)
 
 
@@ -216,7 +219,9 @@ def _stl_text(file: object, content: bytes) -> Polygons:
     for number, words in _lines(content):
         keyword = words[0].lower()
         if keyword == "vertex":
-            corners.append(words[1:4])
+            if len(words) > 4:
+                raise ParseError(f"a vertex has {len(words) - 1} coordinates; needs 3.", file, number)
+            corners.append(words[1:])
             lines.append(number)
         elif keyword == "facet":
             facets.append((number, len(corners)))

@@ -203,7 +203,7 @@ def _enter(element: Element, place: _DrawnPlace) -> _DrawnPlace:
 
 
 def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> Iterator[Drawn]:
-    if element.tag not in _DRAWN or element.property("display") == "none":
+    if element.tag not in _DRAWN or element.property("display") == "none" or not _is_meant(element):
         return
     element.check_placed_by_attributes()
     place.left[0] -= 1
@@ -224,8 +224,22 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
         return
     if element.tag == "svg":
         place = _enter_viewport(element, place)
-    for child in element.children:
+    children = element.children
+    if element.tag == "switch":
+        children = [child for child in children if _is_meant(child)][:1]
+    for child in children:
         yield from _draw(child, place, named)
+
+
+def _is_meant(element: Element) -> bool:
+    """Whether its conditions hold: extensions of SVG are none that are known.
+
+    Raises:
+        ParseError: an element for readers of some language.
+    """
+    if "systemLanguage" in element.attributes:
+        raise element.error("has systemLanguage, which is not read; leave one language.")
+    return not element.attributes.get("requiredExtensions")
 
 
 def _used(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> tuple[Element, _DrawnPlace]:

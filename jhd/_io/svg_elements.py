@@ -33,6 +33,7 @@ _SIZES = {
 }  # fmt: skip
 # A comment that does not end is one to the end.
 _COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)", re.DOTALL)
+_IMPORTED = re.compile(r"(@import\b[^;]*)")
 _SHEET = re.compile(
     r"(?:^|[{;\s])(display\s*:\s*none|visibility\s*:\s*(?:hidden|collapse)|(?:"
     + "|".join(sorted({*_MOVING, *(name for names in _SIZES.values() for name in names)}))
@@ -157,7 +158,7 @@ class _DocumentBuilder:
         self.top = Element("document", {}, 1, 1)
         self.stack = [self.top]
         parser.StartElementHandler, parser.EndElementHandler = self.start, self.end
-        parser.CharacterDataHandler = self.text
+        parser.CharacterDataHandler, parser.ProcessingInstructionHandler = self.text, self.instruction
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         """An element begins."""
@@ -174,6 +175,12 @@ class _DocumentBuilder:
         if self.stack[-1].tag == "style":
             self.grow(len(part))
             self.sheet.append(part)
+
+    def instruction(self, target: str, _: str) -> None:
+        """An instruction for a program stands there."""
+        if target == "xml-stylesheet":
+            line, column = self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
+            raise ParseError("names a style sheet, which is not read; needs attributes.", line=line, column=column)
 
     def end(self, _: str) -> None:
         """An element ends."""
@@ -221,7 +228,7 @@ def _without_comments(text: str) -> str:
 
 
 def _check_sheet(element: Element, text: str) -> None:
-    found = _SHEET.search(_without_comments(text))
+    found = _SHEET.search(_without_comments(text)) or _IMPORTED.search(_without_comments(text))
     if found:
         raise element.error(f"sets {shown(found.group(1).strip())}, and style sheets are not read; needs attributes.")
 

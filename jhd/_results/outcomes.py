@@ -40,6 +40,9 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "The certified distance exceeds all maxima that the fit used: a maximum is narrower than the sample spacing. "
         "Split the curves, or change the start."
     )
+    fit_tolerance_missed = (
+        "The certified distance to the target exceeds the tolerance: raise tolerance, max_segments or max_steps."
+    )
     fit_roundoff_limited = (
         "The remaining improvement is below the rounding of the coordinates: accept the result, or scale or center the "
         "coordinates."
@@ -59,7 +62,7 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     )
     many_nearest_points = (
         "The bounds are true but not closed: a whole curve or region of the shape is nearly as near as its nearest "
-        "point, or a surface has a cuspidal edge there. Use lower and upper, or move the query."
+        "point, a surface has a cuspidal edge there, or weights are very uneven. Use lower and upper, or another query."
     )
     empty_surface = "A surface is certified to be empty in its box, so the distance is undefined: check its box."
     nonfinite_value = (

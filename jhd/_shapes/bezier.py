@@ -12,6 +12,7 @@ from jhd._runtime.arrays import is_traced, real_array
 from jhd._shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd._shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd._shapes.homogeneous import cartesian, elevate, evaluate, hodograph, restrict, split
+from jhd._shapes.unchecked import segments_of
 
 
 class BezierCurve(AbstractCurve):
@@ -70,7 +71,7 @@ class BezierCurve(AbstractCurve):
         # Of known arrays NumPy takes the view: an operation of JAX costs more than the rest.
         xp = jnp if is_traced(self) else np
         weights = None if self.weights is None else xp.asarray(self.weights)[None]
-        return BezierSegments(xp.asarray(self.control_points)[None], weights)
+        return segments_of(xp.asarray(self.control_points)[None], weights)
 
     def derivative(self) -> "BezierCurve":
         """The hodograph, the curve of first derivatives; degree 2 n if the curve is rational."""

@@ -7,7 +7,6 @@ Source: Piegl & Tiller, The NURBS Book (1997), chapters 2 to 5.
 """
 
 import operator
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -25,6 +24,7 @@ from jhd._shapes.foreign import SciPySpline
 from jhd._shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd._shapes.joints import completed
 from jhd._shapes.knots import bezier_pieces, evaluate, insert, not_repeated, parted, ratio, tolerance, unrolled
+from jhd._shapes.unchecked import segments_of
 
 _NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(control_points, degree) or .uniform(...)"
 
@@ -195,9 +195,7 @@ class BSplineCurve(AbstractCurve):
 
     def _unrolled(self) -> tuple[Any, Any]:
         """Homogeneous points and knots of the open spline with the same curve over the same domain."""
-        h, p = homogeneous(self.control_points, self.weights), self.degree
-        repeated = module_of(h).concatenate([h, h[:p]]) if self.periodic else h
-        return repeated, unrolled(self.knots, p, self.periodic)
+        return _unrolled(self.control_points, self.weights, self.knots, self.periodic)
 
     def __call__(self, t: Numbers) -> Array:
         """Points at parameters t of any shape: (*t.shape, dim). Uses de Boor's algorithm."""
@@ -221,31 +219,22 @@ class BSplineCurve(AbstractCurve):
         points, weights, jumps = self._scaled_pieces()
         xp = jnp if is_traced(jumps) else np
         index = np.arange(1, points.shape[0] + 1) % points.shape[0]
-        return BezierSegments(points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points))
+        return segments_of(points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points))
 
     def _scaled_pieces(self) -> tuple[Any, Any, Any]:
         """The pieces, computed in units in which no product of a point and its weight underflows."""
         points, weights, of_points, of_weights = in_unit(self.control_points, self.weights)
-        leaves = [points, self.knots] if weights is None else [points, self.knots, weights]
-        unflattened = partial(jax.tree_util.tree_unflatten, jax.tree_util.tree_structure(self))
-        if is_traced(leaves):
-            points, weights, jumps = unflattened(leaves)._pieces()
+        knots, periodic = self.knots, self.periodic
+        if is_traced(points, weights, knots):
+            points, weights, jumps = _compiled_pieces(points, weights, knots, periodic)
         else:
             # An optimizer may have changed what the constructor checked.
-            _check_knots(np.asarray(self.knots), self.control_points.shape[0], self.periodic)
+            knots = np.asarray(knots)
+            _check_knots(knots, points.shape[0], periodic)
             # On the host: a function would be compiled for every number of points.
             with np.errstate(over="ignore", invalid="ignore"):
-                points, weights, jumps = unflattened([np.asarray(x) for x in leaves])._computed_pieces()
+                points, weights, jumps = _pieces(points, weights, knots, periodic)
         return out_of_unit(points, of_points), out_of_unit(weights, of_weights), jumps
-
-    @eqx.filter_jit
-    def _pieces(self) -> tuple[Array, Array | None, Array]:
-        return self._computed_pieces()
-
-    def _computed_pieces(self) -> tuple[Any, Any, Any]:
-        """Points and weights of the Bezier pieces, and the pieces before which the curve may jump."""
-        pieces, jumps = bezier_pieces(*self._unrolled(), self.degree, self.periodic)
-        return *cartesian(pieces, self.weights is not None), jumps
 
     @eqx.filter_jit
     def derivative(self) -> "BSplineCurve":
@@ -259,7 +248,7 @@ class BSplineCurve(AbstractCurve):
         if p == 0:
             return BSplineCurve(jnp.zeros_like(points), self.knots, None, self.periodic)
         if self.weights is not None:
-            hodographs, weights = hodograph(*self._pieces()[:2])
+            hodographs, weights = hodograph(*self._own_pieces())
             breaks = self._breaks()
             return self._from_pieces(ratio(hodographs, jnp.diff(breaks)[:, None, None]), weights, breaks)
         steps = jnp.roll(points, -1, axis=0) - points if self.periodic else jnp.diff(points, axis=0)
@@ -270,6 +259,9 @@ class BSplineCurve(AbstractCurve):
     def _breaks(self) -> Array:
         knots = unrolled(self.knots, self.degree, self.periodic)
         return knots[self.degree : knots.shape[0] - self.degree]
+
+    def _own_pieces(self) -> tuple[Any, Any]:
+        return _pieces(self.control_points, self.weights, self.knots, self.periodic)[:2]
 
     def _from_pieces(self, points: Array, weights: Array | None, breaks: Array) -> "BSplineCurve":
         """The spline of Bezier pieces (pieces, points, dim) between breaks, each a knot of multiplicity degree + 1."""
@@ -295,7 +287,7 @@ class BSplineCurve(AbstractCurve):
 
     @eqx.filter_jit
     def _elevated(self, degree: int) -> "BSplineCurve":
-        points, weights = self._pieces()[:2]
+        points, weights = self._own_pieces()
         raised = elevate(homogeneous(points, weights), degree)
         return self._from_pieces(*cartesian(raised, weights is not None), self._breaks())
 
@@ -398,6 +390,21 @@ def _check_counts(count: int, shape: tuple[int, ...], periodic: bool) -> None:
         raise ValueError(
             f"control_points has {count} points; {kind} {degree} ({shape[0]} knots) needs at least {needed}."
         )
+
+
+def _unrolled(points: Any, weights: Any, knots: Any, periodic: bool) -> tuple[Any, Any]:
+    h, p = homogeneous(points, weights), knots.shape[0] - points.shape[0] - 1
+    return module_of(h).concatenate([h, h[:p]]) if periodic else h, unrolled(knots, p, periodic)
+
+
+def _pieces(points: Any, weights: Any, knots: Any, periodic: bool) -> tuple[Any, Any, Any]:
+    """Points and weights of the Bezier pieces, and the pieces before which the curve may jump."""
+    degree = knots.shape[0] - points.shape[0] - 1
+    pieces, jumps = bezier_pieces(*_unrolled(points, weights, knots, periodic), degree, periodic)
+    return *cartesian(pieces, weights is not None), jumps
+
+
+_compiled_pieces = jax.jit(_pieces, static_argnums=3)
 
 
 def _check_knots(knots: np.ndarray, count: int, periodic: bool) -> None:

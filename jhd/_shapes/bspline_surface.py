@@ -133,7 +133,8 @@ class BSplineSurface(AbstractPatch):
         where = lambda s: (s.control_points, s.weights)  # noqa: E731
         unit = eqx.tree_at(where, self, tuple(parts), is_leaf=lambda x: x is None)
         if is_traced(unit):
-            pieces = _pieces(unit)
+            # Some of its numbers may be known.
+            pieces = _pieces(jax.tree_util.tree_map(jnp.asarray, unit))
         else:
             # An optimizer may have changed what the constructor checked.
             _check_knots("knots_u", self.knots_u, "rows", self.control_points.shape[0])

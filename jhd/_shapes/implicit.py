@@ -241,6 +241,8 @@ def check_surface(name: str, value: object) -> None:
 
 def _corner(name: str, value: Any) -> Array:
     corner = real_array(name, value if is_traced(value) or np.ndim(value) else np.full(3, value))
+    if corner.shape == ():
+        corner = jnp.broadcast_to(corner, 3)
     if corner.shape != (3,):
         raise ValueError(f"{name} has shape {corner.shape}; needs (3,), or one number for all axes.")
     return corner

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd._runtime.arrays import array_of, is_traced, undifferentiated
+from jhd._runtime.arrays import array_of, is_traced, module_of, undifferentiated
 
 # Ends that agree to this many ulp of the largest coordinate are one joint: conversions between curve formats and knot
 # insertion leave differences of one to four.
@@ -17,42 +17,46 @@ _JOINT_ULPS = 8
 
 # Pairs of ends compared at once, so that many that nearly meet need tens of megabytes and not the square of them.
 _JOINT_CHUNK = 2**20
+# So many pairs are compared without sorting.
+_FEW_PAIRS = 2**12
 # The two ends of a window of sorted numbers.
 _WINDOW: tuple[tuple[int, Literal["left", "right"]], ...] = ((-1, "left"), (1, "right"))
 
 
-def joints(control_points: Array) -> Int[Array, " segments"]:
+def joints(control_points: Any) -> Any:
     """For each segment the one that starts where it ends: the next if it does, else the first, else itself, else -1.
 
-    A segment that is one point follows none but the one before it in the list: it is no way on from an end.
+    A segment that is one point follows none but the one before it in the list: it is no way on from an end. Of known
+    points an array of NumPy.
     """
     # Whole numbers have no derivatives: where only these are traced, the points are known.
     control_points = undifferentiated(control_points)
     count, points = control_points.shape[-3], control_points.shape[-2]
     if points == 1:
-        return array_of(np.full((count,), -1))
+        return np.full((count,), -1)
     xp = jnp if is_traced(control_points) else np
     pieces: Any = control_points if xp is jnp else np.asarray(control_points)
     tolerance = _JOINT_ULPS * float(jnp.finfo(control_points.dtype).eps) * xp.max(xp.abs(pieces))
     single: Any = xp.max(xp.abs(pieces - pieces[:, :1]), axis=(-2, -1)) <= tolerance
     if xp is jnp:
-        return _meeting(pieces[:, -1], pieces[:, 0], single, tolerance)
+        return _meeting(jnp.arange(count), pieces[:, -1], pieces[:, 0], single, tolerance)
     next_segment = np.arange(1, count + 1)
     apart = np.max(np.abs(pieces[:-1, -1] - pieces[1:, 0]), axis=-1) > tolerance
     loose = np.append(np.flatnonzero(apart), count - 1)
-    next_segment[loose] = _found(loose, pieces[loose, -1], pieces[:, 0], single, tolerance)
-    return array_of(next_segment)
+    found = _meeting if len(loose) * count <= _FEW_PAIRS else _found
+    next_segment[loose] = found(loose, pieces[loose, -1], pieces[:, 0], single, tolerance)
+    return next_segment
 
 
-def _meeting(ends: Array, starts: Array, single: Array, tolerance: Array) -> Array:
-    """`joints` by comparing all ends with all starts."""
-    count = len(starts)
-    index = jnp.arange(count)
-    meets = jnp.max(jnp.abs(ends[:, None] - starts), axis=-1) <= tolerance
-    meets = meets & (~single | (index == index[:, None] + 1))
+def _meeting(rows: Any, ends: Any, starts: Any, single: Any, tolerance: Any) -> Any:
+    """`joints` for the segments `rows`, whose ends are `ends`, by comparing them with all starts."""
+    xp, count = module_of(starts), len(starts)
+    index = np.arange(count)
+    meets = xp.max(xp.abs(ends[:, None] - starts), axis=-1) <= tolerance
+    meets = meets & (~single | (index == rows[:, None] + 1))
     # Rank of each candidate: itself last, otherwise by distance along the list, so the next segment comes first.
-    rank = jnp.where(meets, (index - index[:, None] - 1) % count, count)
-    return jnp.where(jnp.min(rank, axis=-1) < count, jnp.argmin(rank, axis=-1), -1)
+    rank = xp.where(meets, (index - rows[:, None] - 1) % count, count)
+    return xp.where(xp.min(rank, axis=-1) < count, xp.argmin(rank, axis=-1), -1)
 
 
 def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.ndarray, tolerance: Any) -> np.ndarray:
@@ -102,10 +106,15 @@ def linked(next_segment: Any) -> Float[Array, "*batch segments 2"]:
     jax.grad takes no whole numbers among what it differentiates. The derivative of these floats is zero, so optimizers
     leave them where they are; and what scales all that it finds, as weight decay does, changes no quotient.
     """
+    return array_of(linked_here(next_segment))
+
+
+def linked_here(next_segment: Any) -> Any:
+    """The same; of known numbers as an array of NumPy."""
     xp = jnp if is_traced(next_segment) else np
     # Not stacked: of explicitly sharded numbers JAX stacks none with constants.
     number = (xp.asarray(next_segment) + 1)[..., None]
-    return array_of(xp.where(np.array([True, False]), number, 1), float)
+    return xp.where(np.array([True, False]), number, 1).astype(jnp.result_type(float))
 
 
 def followed(links: Any) -> Any:
@@ -126,15 +135,15 @@ def followed_here(links: Any) -> Any:
     return xp.rint(quotient).astype(int) - 1
 
 
-def completed(next_segment: Any, control_points: Array) -> Int[Array, " segments"]:
+def completed(next_segment: Any, control_points: Any) -> Any:
     """`next_segment` as it is known, and where it is -1 the segment that `joints` finds."""
     if is_traced(next_segment):
         return jnp.where(next_segment < 0, joints(control_points), next_segment)
     if np.all(np.asarray(next_segment) >= 0):
-        return array_of(next_segment)
+        return next_segment
     found = joints(control_points)
     xp = jnp if is_traced(found) else np
-    return array_of(xp.where(np.asarray(next_segment) < 0, xp.asarray(found), np.asarray(next_segment)))
+    return xp.where(np.asarray(next_segment) < 0, found, np.asarray(next_segment))
 
 
 def turned(next_segment: Any) -> Any:

@@ -107,7 +107,7 @@ DEFECTS = [
         "shapes/test_curve.py",
         ("meets &= ~single[start] | (start == rows[row] + 1)", "meets &= True", "test_joints_of_polylines"),
         (
-            "meets & (~single | (index == index[:, None] + 1))",
+            "meets & (~single | (index == rows[:, None] + 1))",
             "meets",
             "test_joints_are_the_same_known_and_traced_and_of_many_loose_segments_found_by_sorting",
         ),

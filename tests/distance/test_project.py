@@ -128,6 +128,22 @@ def test_success_means_that_the_bounds_meet_whatever_the_weights(method):
     assert result != "successful" or found.upper[0] - found.lower[0] <= PROMISED * 3
 
 
+def test_very_uneven_weights_leave_close_bounds_or_none_that_are_called_so():
+    # By other parameters the parabola of the weights one: weights (1 / s, 1, s) leave the curve as it is.
+    points, query = [(0.0, 0.0), (1.0, 2.0), (2.0, 0.0)], (1.2, 3.0)
+    exact, found = 2.0079847003225586, []
+    for weights in ([1e-10, 1, 1e10], [1e-20, 1, 1e20], [1e20, 1, 1e-20]):
+        near = jhd.project(query, jhd.BezierCurve(points, weights), throw=False)
+        found.append(name_of(near.result))
+        assert near.lower <= near.distance <= near.upper
+        if found[-1] == "successful":
+            assert near.upper - near.lower <= PROMISED * 3 and near.lower <= exact <= near.upper
+    assert found == ["successful", "successful", "many_nearest_points"]
+    # Nearly half of it lies between one and the number before it.
+    wide = jhd.BezierCurve([(0.8, -1.6), (1.4, -2.0), (-1.0, -0.7)], [1, 1e15, 1])
+    assert name_of(jhd.project((-0.2, 0.0), wide, throw=False).result) == "many_nearest_points"
+
+
 SPECIAL = {
     "cusp": [[0, 0], [1, 1], [0, 1], [1, 0]],
     "no speed at an end": [[0, 0], [0, 0], [1, 2], [3, 0]],

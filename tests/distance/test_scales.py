@@ -158,3 +158,15 @@ def test_a_step_of_newton_is_finite_in_single_precision():
     zero = np.zeros(2, np.float32)
     step = newton_step(jnp.asarray(zero), jnp.zeros((2, 2), np.float32), jnp.zeros(2, bool))
     np.testing.assert_array_equal(step, zero)
+
+
+@pytest.mark.parametrize("power", swept([-1026, -1040], 1))
+def test_compiled_functions_call_a_host_that_keeps_subnormal_numbers(power):
+    mesh = jhd.TriangleMesh(np.ldexp([(0.0, 0, 0), (1, 0, 0), (0, 1, 0)], power), [(0, 1, 2)])
+    line = jhd.polyline(np.ldexp([(0.0, 0), (1, 0)], power))
+    for shape, query in ((line, (0.0, 3.0)), (mesh, (0.0, 0.0, 3.0))):
+        project = lambda q, shape=shape: jhd.project(q, shape)  # noqa: E731
+        for called in (project, jax.jit(project)):
+            found = called(np.ldexp(query, power))
+            lower, upper = (np.ldexp(np.asarray(x), -power) for x in (found.lower, found.upper))
+            assert lower <= 3 <= upper and (shape is mesh or upper - lower < 0.1)

@@ -88,6 +88,7 @@ def test_tables_of_text_are_points(suffix, content, tmp_path):
         ("a.xyz", b"1 2 3 # \xe9\n", "a.xyz: byte 8 is not UTF-8 text"),
         ("a.xyz", "1 2 3 # \u2028 4 5\nx".encode(), "a.xyz:2: needs numbers; found 'x'"),
         ("a.npy", b"nothing", "not an array of numbers"),
+        ("a.npy", npy_header((1, 3)) + bytes(24 + 5), r"byte \d+: 5 bytes follow the array"),
         ("a.npy", npy_header((10**12, 3)) + bytes(48), "not an array of numbers"),
         (
             "a.ply",

@@ -50,6 +50,12 @@ def test_points_in_space_are_a_point_set(name, content, tmp_path):
     assert found.control_points[:, 0].tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 
 
+def test_a_character_that_ends_texts_is_refused(tmp_path):
+    (tmp_path / "a.wkt").write_text("POINT (1 2)\nPOINT (1 2)\0, POINT (3 4)", encoding="utf-8")
+    with pytest.raises(jhd.io.ParseError, match=r"a\.wkt:2: holds a character of code zero"):
+        jhd.io.load_shape(tmp_path / "a.wkt")
+
+
 @pytest.mark.parametrize("name", ["a.wkt", "a.geojson"])
 def test_without_shapely_the_extra_is_named(name, tmp_path, monkeypatch):
     (tmp_path / name).write_text(TEXTS[0] if name == "a.wkt" else json.dumps(GEOMETRIES[0]), encoding="utf-8")

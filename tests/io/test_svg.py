@@ -335,6 +335,8 @@ ERRORS = {
         "<style>.a{fill:red}.b{display:none}</style>",
         "<style> sets 'display: *none', and style sheets",
     ),
+    "sheet elsewhere": ("<style>@import url(a.css);</style>", "<style> sets '@import url.a.css.', and style sheets"),
+    "language": ('<path systemLanguage="de" d="M0 0L1 1"/>', "<path> has systemLanguage, which is not read"),
     "sheet that moves": ("<style>.a { fill:red; Transform : scale(2) }</style>", "<style> sets 'transform :'"),
     "long length": ('<line x1="1e999"/>', "<line> has x1 '1e999', which is beyond the range of doubles"),
     "far side": ('<rect x="1e308" width="1.7e308" height="1"/>', "<rect> draws points beyond the range"),
@@ -359,6 +361,19 @@ ERRORS = {
         "<svg> has preserveAspectRatio 'mid'; needs for example",
     ),
 }
+
+
+def test_of_a_switch_the_first_child_whose_conditions_hold_is_drawn(tmp_path):
+    body = """<switch><path requiredExtensions="x" d="M5 0L6 0"/><path d="M1 0L2 0"/><path d="M3 0L4 0"/></switch>
+      <path requiredExtensions="x" d="M7 0L8 0"/>"""
+    assert starts(read(tmp_path, body)).tolist() == [[1, 0]]
+
+
+def test_a_style_sheet_in_another_file_is_refused(tmp_path):
+    text = '<?xml-stylesheet href="a.css"?>\n<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0L1 1"/></svg>'
+    (tmp_path / "a.svg").write_text(text)
+    with pytest.raises(ParseError, match=r"a\.svg:1:1: names a style sheet, which is not read"):
+        load_svg(tmp_path / "a.svg")
 
 
 @pytest.mark.parametrize("name", ERRORS)

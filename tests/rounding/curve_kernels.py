@@ -11,10 +11,10 @@ from jhd._distance.cells import branches
 from jhd._distance.nearest import chords
 from jhd._distance.nearest import curves as nearest
 from jhd._distance.normalization import curves as preparation
-from jhd._distance.normalization.curves import trusted
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import Piece
 from jhd._shapes.curve import BezierSegments
+from jhd._shapes.unchecked import trusted
 
 # Inputs side by side, of four kinds in turn.
 COUNT = 32

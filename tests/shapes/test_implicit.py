@@ -274,3 +274,10 @@ def test_an_image_is_differentiable_and_can_be_traced():
 def test_maps_that_are_none_are_refused(matrix, offset, message):
     with pytest.raises(ValueError, match=message):
         parsed(QUARTIC).transform(matrix, offset)
+
+
+def test_a_box_of_one_traced_number_is_that_of_all_axes():
+    def lowest(end):
+        return ImplicitSurface(BALL, end, UPPER).lower
+
+    np.testing.assert_array_equal(jax.jit(lowest)(-3.0), [-3.0, -3.0, -3.0])

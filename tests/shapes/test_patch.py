@@ -351,3 +351,14 @@ def test_a_part_of_a_spline_surface_is_the_surface_there(weighted):
         surface.restrict(0, 1, 2, 4)
     with pytest.raises(TypeError, match="needs concrete knots and ends"):
         jax.jit(lambda u: surface.restrict(u, 1, 3, 6).control_points)(0.5)
+
+
+def test_knots_may_be_differentiated_where_the_points_are_known():
+    points, other = np.random.default_rng(0).normal(size=(4, 3, 3)), [0.0, 0, 0, 1, 1, 1]
+
+    def height(knot):
+        knots = jnp.array([0.0, 0, 0, 0, 1, 1, 1]).at[3].set(knot)
+        return BSplineSurface(points, knots, other).patches().control_points[1, 1, 1, 2]
+
+    slope = (height(0.4 + 1e-6) - height(0.4 - 1e-6)) / 2e-6
+    assert abs(float(jax.grad(height)(0.4) - slope)) < 1e-7

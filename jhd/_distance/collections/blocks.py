@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from jhd._arithmetic.scaling import unit_weights
 from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of, reported
-from jhd._distance.normalization.curves import elevation_matrix, raised_degree, trusted
+from jhd._distance.normalization.curves import elevation_matrix, raised_degree
 from jhd._distance.normalization.directions import larger
 from jhd._distance.normalization.stopping import Aim
 from jhd._distance.search.branch_and_bound import BranchAndBound
@@ -25,6 +25,7 @@ from jhd._results.solution import DIRECTIONS, in_direction
 from jhd._runtime.arrays import varying
 from jhd._runtime.compiled import optimized
 from jhd._shapes.curve import BezierSegments
+from jhd._shapes.unchecked import trusted
 
 # Numbers of segments that programs are compiled for, and pairs of a block: some tenths of a second of work each. A
 # program takes ten seconds to compile, and a repeated segment costs little.

@@ -1,7 +1,8 @@
 """A folder that keeps the distances of a long call part by part, so that a later call continues there.
 
-A part is a file in NumPy's format, next to a manifest in JSON. Each file is written under a temporary name, forced to
-the disk and then renamed: it is whole or absent, also after a kill or a loss of power. The manifest has a fingerprint
+A part is a file in NumPy's format with a checksum behind it, next to a manifest in JSON. Each file is written under a
+temporary name, forced to the disk and then renamed: it is whole or absent, also after a kill or a loss of power. A part
+that was damaged later is computed again. The manifest has a fingerprint
 of everything that the numbers depend on, and a folder made for other inputs is refused. One call at a time may write.
 """
 
@@ -20,7 +21,9 @@ from jhd._distance.collections.blocks import MeasuredPairs
 from jhd._runtime.files import replace_file
 from jhd._runtime.programs import processor, source_sum
 
-_FORMAT = "jhd pairwise 1"
+_FORMAT = "jhd pairwise 2"
+# Bytes behind each part.
+_CHECKSUM = hashlib.sha256().digest_size
 _MANIFEST = "manifest.json"
 _PART = np.dtype([("value", "<f8"), ("lower", "<f8"), ("upper", "<f8"), ("result", "<i8")])
 _PACKAGES = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax")
@@ -57,6 +60,8 @@ class Store:
             raise ValueError(f"store {self._folder}: {_MANIFEST} is not a manifest of jhd.") from error
         if found != mine:
             differing = [key for key in sorted(about) if key != "fingerprint" and known.get(key) != about[key]]
+            if not differing:
+                raise ValueError(f"store {self._folder}: {_MANIFEST} is damaged; name another folder.")
             raise ValueError(
                 f"store {self._folder} was made for other inputs ({', '.join(differing)}): its fingerprint is {found}, "
                 f"the fingerprint of this call is {mine}. Name another folder, or pass the inputs it was made for."
@@ -65,9 +70,13 @@ class Store:
     def read(self, part: int, count: int) -> MeasuredPairs | None:
         """The distances of a part of so many pairs; None where they are not there as they should be."""
         try:
-            rows = np.load(self._path(part), allow_pickle=False)
-        except (OSError, ValueError, EOFError):
+            stored = self._path(part).read_bytes()
+        except OSError:
             return None
+        body, checksum = stored[:-_CHECKSUM], stored[-_CHECKSUM:]
+        if hashlib.sha256(body).digest() != checksum:
+            return None
+        rows = np.load(io.BytesIO(body), allow_pickle=False)
         if rows.dtype != _PART or rows.shape != (count,):
             return None
         value, lower, upper, result = (rows[name] for name in _PART.names or ())
@@ -80,7 +89,7 @@ class Store:
             rows[name] = getattr(found, name)
         body = io.BytesIO()
         np.save(body, rows, allow_pickle=False)
-        _write(self._path(part), body.getvalue())
+        _write(self._path(part), body.getvalue() + hashlib.sha256(body.getvalue()).digest())
 
     def _path(self, part: int) -> Path:
         return self._folder / f"part-{part:08d}.npy"

@@ -52,6 +52,8 @@ _NEAR_END = 0.01
 _ZOOM = 0.125
 # Cells are closed a little below the tolerance, so that rounding of the comparison cannot exceed it.
 _CLOSE = 0.99
+# Cells that cannot be cut again are closed at so many times the tolerance.
+_SETTLED = 64
 
 
 class NearestOnCurve(eqx.Module):
@@ -144,8 +146,9 @@ def nearest(
 
     state = jax.lax.while_loop(unfinished, step, varying(state, offsets, weights, tolerance))
     lower = jnp.minimum(jnp.minimum(_open_lower(state), state.settled), state.best.upper)
-    # Closed as far as floating-point parameters go: cells of a few ulp are settled with the bounds they have.
-    closed = (_open_lower(state) >= state.best.upper - tolerance) & ~state.overflowed
+    # Cells of a few ulp are settled with the bounds they have, which are wide where weights are very uneven.
+    closed = (lower >= state.best.upper - _SETTLED * tolerance) & ~state.overflowed
+    closed &= _open_lower(state) >= state.best.upper - tolerance
     return eqx.tree_at(
         lambda n: (n.lower, n.closed, n.steps), state.best, (jnp.maximum(lower, 0.0), closed, state.steps)
     )
@@ -273,8 +276,8 @@ def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tole
 
     halves = jax.vmap(half)(ends[:-1], ends[1:])
     lower = halves[:, 0]
-    # A cell of a few ulp cannot be cut again.
-    keep = (lower < best.upper - _CLOSE * tolerance) & (ends[1:] - ends[:-1] > 8 * jnp.finfo(e.dtype).eps)
+    # A cell of a few ulp cannot be cut again. Near zero they are smaller, which uneven weights need.
+    keep = (lower < best.upper - _CLOSE * tolerance) & (ends[1:] - ends[:-1] > 8 * jnp.finfo(e.dtype).eps * ends[1:])
     # The first free slot is the first half's, or the second one's where that is not kept.
     rows, free = jnp.arange(_CAPACITY), jnp.isinf(state.cells.lower)
     first = jnp.argmax(free)

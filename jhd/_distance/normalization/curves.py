@@ -8,7 +8,6 @@ import math
 from functools import lru_cache
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
@@ -21,6 +20,7 @@ from jhd._runtime.arrays import is_traced
 from jhd._shapes.checks import usable_numbers
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.joints import followed_here
+from jhd._shapes.unchecked import trusted
 
 # Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
 # repetition does not show; from 192 on, where it does, at most a third is repetition.
@@ -44,20 +44,6 @@ def padded_count(count: int, small: bool = False) -> int:
 def raised_degree(degree: int) -> int:
     """The smallest degree that programs are compiled for and that holds `degree`; beyond ten each is its own."""
     return next((bucket for bucket in _DEGREES if bucket >= degree), degree)
-
-
-def trusted(control_points: Any, weights: Any, next_segment: Any) -> BezierSegments:
-    """Segments from arrays that need no check; NumPy arrays and tracers are stored as they are, `next_segment` too."""
-    leaves = [control_points, next_segment] if weights is None else [control_points, weights, next_segment]
-    return jax.tree_util.tree_unflatten(_structure(weights is not None), leaves)
-
-
-@lru_cache(maxsize=2)
-def _structure(rational: bool) -> Any:
-    # Asked for first inside a trace, its operations would be part of that program, dead, and of no other.
-    with jax.ensure_compile_time_eval():
-        one = BezierSegments(np.zeros((1, 1, 2)), np.ones((1, 1)) if rational else None)
-    return jax.tree_util.tree_structure(one)
 
 
 @lru_cache(maxsize=64)

@@ -11,6 +11,8 @@ the function, and blocks of a batch are shared by all cores.
 On CPUs a call gets the memory of its arguments (`buffer_callback`). `jax.pure_callback` makes arrays of them, for which
 it may wait for a thread of the device while all threads wait for calls like it.
 
+XLA's threads take subnormal numbers for zero; a call keeps them.
+
 A call computes on a device of its own (`host_device`): the compiled function that waits for it may occupy all threads
 of its device. JAX would choose the function's device, and what runs on a chosen device is not kept on disk.
 """
@@ -35,6 +37,7 @@ from jhd._runtime.arrays import array_of, is_traced, varying
 from jhd._runtime.compiled import calls_host, compiled, optimized
 from jhd._runtime.jax_internals import host_device
 from jhd._runtime.sharding import is_partitioned, shared_by_devices
+from jhd._runtime.subnormals import subnormals_kept
 
 # Members of a batch that one program takes, one after the other. An eighth of them is worth a call, so that the cores
 # finish at about the same time.
@@ -60,7 +63,7 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
 
     def known(*values: Any) -> Any:
         values = jax.tree_util.tree_map(np.asarray, values)
-        with jax.default_device(device), jax.enable_x64(wide):
+        with subnormals_kept(), jax.default_device(device), jax.enable_x64(wide):
             if rows:
                 return _by_rows(called, like, ranks, values)
             return jax.tree_util.tree_map(lambda x, s: x.reshape(s.shape), called(*values), like)

@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd._arithmetic.scaling import unit_weights
-from jhd._distance.normalization.curves import elevation_matrix, padded_count, trusted
+from jhd._distance.normalization.curves import elevation_matrix, padded_count
 from jhd._runtime.arrays import array_of, is_traced, on_host
 from jhd._shapes.as_shape import ShapeLike, check_several, taken_as
 from jhd._shapes.curve import BezierSegments, check_curve
 from jhd._shapes.joints import linked
+from jhd._shapes.unchecked import trusted
 
 
 def stack_curves(curves: Sequence[ShapeLike]) -> BezierSegments:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._distance.normalization.coordinates import Frame
-from jhd._distance.normalization.curves import evaluation_error, trusted
+from jhd._distance.normalization.curves import evaluation_error
 from jhd._distance.normalization.method import AbstractHostMethod
 from jhd._distance.normalization.stopping import Aim
 from jhd._distance.published.algebraic import final_size
@@ -36,6 +36,7 @@ from jhd._shapes.biarc_fit import fitted
 from jhd._shapes.checks import optional_array
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.deviation import HostCurve, complex_points
+from jhd._shapes.unchecked import trusted
 
 # Places measured at a time.
 _SAMPLES = 16

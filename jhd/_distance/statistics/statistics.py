@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jhd._arithmetic.rounding import smallest_normal
 from jhd._arithmetic.scaling import common_exponent, scale_of
 from jhd._distance.deviation import check_kinds, checked_weights, deviation
 from jhd._distance.deviation_solution import Deviation, check_share
@@ -39,7 +40,7 @@ from jhd._results.batches import AbstractSolution
 from jhd._results.bounds import AbstractBounds, Bounds
 from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd._results.unproven import relative_tolerance
-from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._runtime.arrays import check_whole, is_traced, is_tracing, undifferentiated
 from jhd._runtime.decimals import interval_text
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers, optional_array
@@ -48,6 +49,8 @@ from jhd._triangles.closest_point import outward
 
 # Newton's steps for the level of a quantile where the number of nodes is given.
 _FEW_STEPS = 3
+# The largest coordinate is at least so many times the smallest normal number.
+_MARGIN = 2**24
 
 
 class StatisticSolution(AbstractBounds, AbstractSolution):
@@ -182,13 +185,17 @@ class AbstractStatistic(eqx.Module):
             The value, a scalar array, differentiable in both shapes.
 
         Raises:
+            ValueError: all coordinates are nearly subnormal, or `nodes` is not a positive whole number.
             NotProvenError: it is differentiated without `nodes`, and the derivative is not confirmed to a millionth.
                 In compiled functions the derivative is NaN instead.
         """
         a, b, counts = self._checked(a, b, weights)
+        if nodes is not None:
+            check_whole("nodes", nodes, 1)
         if _is_hidden(a, b, counts) and not isinstance(self, MaxDistance):
             known = partial(_known_value, self, nodes)
             return answer_in_program(known, partial(jnp.asarray, jnp.inf, dtype_of(a)), *_with_weights(a, b, counts))
+        _check_size(a, b)
         found = self._estimated(a, b, counts, nodes)
         _throw_unless_confirmed(found, None)
         return found.value
@@ -451,3 +458,11 @@ def _scale(a: Any, b: Any) -> float:
     """The power of two by which the coordinates of both shapes are of about one."""
     boxes = [np.asarray(end) for shape in undifferentiated((a, b)) for end in shape.bounds]
     return float(scale_of(common_exponent(*boxes), boxes[0].dtype))
+
+
+def _check_size(a: Any, b: Any) -> None:
+    """Raises ValueError if what compiled programs take for zero, subnormal numbers, would be seen in an estimate."""
+    largest = max(float(np.max(np.abs(np.asarray(end)))) for x in undifferentiated((a, b)) for end in x.bounds)
+    least = _MARGIN * smallest_normal(dtype_of(a))
+    if 0 < largest < least:
+        raise ValueError(f"coordinates are at most {largest:.2g}, too small for an estimate; scale both shapes.")

@@ -70,6 +70,23 @@ def test_a_part_that_is_damaged_or_was_being_written_is_computed_again(tmp_path)
     np.testing.assert_array_equal(again.value, whole.value)
 
 
+def test_every_byte_of_a_part_counts(tmp_path):
+    shapes = [jhd.point_set([x]) for x in ((0, 0), (3, 4), (9, 0))]
+    whole = jhd.pairwise(shapes, store=tmp_path)
+    part = tmp_path / "part-00000000.npy"
+    stored = part.read_bytes()
+    for k in range(0, len(stored), 11):
+        part.write_bytes(stored[:k] + bytes([stored[k] ^ 0x40]) + stored[k + 1 :])
+        again = jhd.pairwise(shapes, store=tmp_path)
+        assert again.computed == 3 and np.array_equal(again.value, whole.value) and part.read_bytes() == stored
+    manifest = tmp_path / "manifest.json"
+    text = manifest.read_text()
+    fingerprint = json.loads(text)["fingerprint"]
+    manifest.write_text(text.replace(fingerprint, fingerprint[::-1]))
+    with pytest.raises(ValueError, match=r"manifest\.json is damaged; name another folder"):
+        jhd.pairwise(shapes, store=tmp_path)
+
+
 def test_a_store_of_something_else_is_refused_and_both_fingerprints_are_named(tmp_path):
     jhd.pairwise(SHAPES[:3], store=tmp_path)
     before = contents(tmp_path)

@@ -11,15 +11,14 @@ import jhd
 from jhd._arithmetic.rounding import gamma
 from jhd._distance.normalization.curves import (
     Frame,
-    _structure,
     elevation_matrix,
     padded_count,
     preparation_error,
     prepare,
     raised_degree,
     shared_count,
-    trusted,
 )
+from jhd._shapes.unchecked import _structure, trusted
 from tests.cases import CASES
 from tests.distance import exact, pairs
 

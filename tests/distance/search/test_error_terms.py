@@ -16,11 +16,11 @@ from jhd._distance.cells.branches import CurveBound
 from jhd._distance.nearest.chords import chords_between
 from jhd._distance.nearest.curves import NearestOnCurve
 from jhd._distance.nearest.near_curve import NearCurve
-from jhd._distance.normalization.curves import trusted
 from jhd._distance.normalization.pieces import CurvePlace
 from jhd._distance.normalization.stopping import Wanted, aim_at
 from jhd._distance.search import curves as search
 from jhd._distance.search import refined_witness
+from jhd._shapes.unchecked import trusted
 
 MOVED = 0.125
 WANTED = Wanted(jnp.array(1e-9), jnp.array(0.0), aim_at(None, None, np.float64))

@@ -293,6 +293,15 @@ def test_parallel_squares_are_everywhere_as_far_as_their_planes(statistic):
         assert float(slope) == pytest.approx(1.0, rel=1e-9)
 
 
+def test_estimates_of_shapes_that_are_nearly_subnormal_are_refused(as_a_user):
+    a, b = jhd.polyline([(0.0, 0), (1e-307, 0)]), jhd.point_set([(0.0, 1e-307)])
+    for statistic in (jhd.RMSDistance(directed=True), jhd.QuantileDistance(0.5, directed=True)):
+        with pytest.raises(ValueError, match=r"coordinates are at most 1e-307, too small for an estimate"):
+            statistic.estimate(a, b)
+        with pytest.raises(ValueError, match="nodes is 0; needs a whole number of at least 1"):
+            statistic.estimate(a, b, nodes=0)
+
+
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("scale", [2.0**-500, 2.0**500])
 def test_measures_scale_with_the_shapes(scale):

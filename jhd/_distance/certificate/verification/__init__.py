@@ -36,3 +36,4 @@ from jhd._distance.certificate.verification.structure import KINDS as KINDS
 from jhd._distance.certificate.verification.structure import VERSION as VERSION
 from jhd._distance.certificate.verification.structure import CertificateError as CertificateError
 from jhd._distance.certificate.verification.structure import digest as digest
+from jhd._distance.certificate.verification.values import UncheckedCertificateError as UncheckedCertificateError

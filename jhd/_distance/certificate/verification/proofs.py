@@ -50,6 +50,7 @@ from jhd._distance.certificate.verification.structure import (
     check_pair,
 )
 from jhd._distance.certificate.verification.surface_proofs import failure_of_pair, failure_of_surface_cell
+from jhd._distance.certificate.verification.values import UncheckedCertificateError
 from jhd._distance.certificate.verification.work import count_of, expected_seconds
 from jhd._distance.certificate.verification.zeros import NearZero, ZeroSet, is_free, place_of, zeros_of
 
@@ -79,13 +80,15 @@ class _Deadline:
     """The time after which a check is given up, before it begins if need be, and who hears of what is checked."""
 
     def __init__(self, seconds: float | None, progress: Callable[[str], object] | None):
+        if seconds is not None and (not hasattr(seconds, "__float__") or not float(seconds) > 0):
+            raise ValueError(f"max_seconds is {seconds!r}; needs a positive number.")
         self.seconds, self.end = seconds, None if seconds is None else time.monotonic() + seconds
         self.progress, self.place = progress, ""
 
     def begin(self, expected: float) -> None:
         """Raises CertificateError where the check takes longer than there is time, by all that is known of it."""
         if self.seconds is not None and expected > self.seconds:
-            raise CertificateError(f"takes {expected:.3g} seconds or more; max_seconds is {self.seconds!r}.")
+            raise UncheckedCertificateError(f"takes {expected:.3g} seconds or more; max_seconds is {self.seconds!r}.")
 
     def check(self, place: str, count: int = 0) -> None:
         """Raises CertificateError when it has passed; `count` is how many such places there are, if it is known."""
@@ -97,7 +100,7 @@ class _Deadline:
     def check_within(self) -> None:
         """The same within the place that is checked."""
         if self.end is not None and time.monotonic() > self.end:
-            raise CertificateError(f"is not checked in {self.seconds!r} seconds; it ends at {self.place}.")
+            raise UncheckedCertificateError(f"is not checked in {self.seconds!r} seconds; it ends at {self.place}.")
 
 
 def verify(content: Any, max_seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:

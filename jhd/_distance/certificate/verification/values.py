@@ -13,6 +13,10 @@ class CertificateError(ValueError):
     """A certificate is refused: it has an unknown format, is incomplete, or does not prove its claim."""
 
 
+class UncheckedCertificateError(CertificateError):
+    """The time was over before a certificate was checked."""
+
+
 def check_keys(place: str, value: Any, keys: Sequence[str], more: Sequence[str] = ()) -> None:
     """CertificateError unless it is an object of these keys, and of no others but `more`."""
     if not isinstance(value, Mapping):

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd._distance.normalization.curves import trusted
 from jhd._distance.published.events.forms import CORNER_ANGLE, Curve
 from jhd._runtime.arrays import is_traced
 from jhd._shapes.curve import BezierSegments
+from jhd._shapes.unchecked import trusted
 
 # Tangents shorter than this share of their segment have no direction.
 _STILL = 1e-9
