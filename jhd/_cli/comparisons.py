@@ -194,7 +194,7 @@ def deviation(options: Namespace) -> int:
     check_drawn(options, a.dim)
     check_writable(options.out, ".json")
     tolerances = tolerances_of(options, a, b)
-    threshold = None if options.threshold is None else options.threshold.of(a, b)
+    threshold = None if options.threshold is None else _limit(options, a, b)
     q = options.quantile
     asked = {"rtol": options.rtol, "atol": tolerances["atol"], "quantile": q, "throw": False}
     with busy("computing; a first run compiles") as show:

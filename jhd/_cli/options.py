@@ -187,7 +187,10 @@ def points_of(options: Namespace) -> np.ndarray:
         raise ValueError("there is no point; give X Y [Z], --points FILE, or rows on standard input.")
     if Path(name).suffix.lower() == ".csv":
         return np.asarray(load_points(name).control_points[:, 0])
-    rows = rows_in(sys.stdin.read() if name == "-" else read_text(name), name)
+    try:
+        rows = rows_in(sys.stdin.read() if name == "-" else read_text(name), name)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"standard input: byte {error.start} is not UTF-8 text.") from None
     if not len(rows):
         raise ValueError(f"{name} holds no points.")
     return rows

@@ -8,6 +8,7 @@ ligatures.
 Source: Apple, TrueType Reference Manual, chapter "Digitizing letterform designs".
 """
 
+import numbers
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -58,9 +59,12 @@ def load_glyph(font: str | Path, text: str, *, size: float | int | None = None) 
     Raises:
         FileNotFoundError: the path does not exist.
         ParseError: a file that is not a font.
+        TypeError: a text that is not a string.
         ValueError: an unknown font (the message lists some known ones), a letter that the font lacks, a text without
             outline (spaces), or a size that is not positive.
     """
+    if not isinstance(text, str):
+        raise TypeError(f"text is {text!r}; needs a string.")
     if not text:
         raise ValueError("text is empty; needs at least one letter.")
     curve = _outlines(font, lambda _: [text], size)[0]
@@ -102,8 +106,8 @@ def _outlines(
     font: str | Path, texts_of: Callable[[TTFont], list[str]], size: float | int | None
 ) -> list[BezierSegments | None]:
     """The outlines of some texts, None for texts without ink, from a font that is opened once."""
-    if size is not None and not size > 0:
-        raise ValueError(f"size is {size}; needs a positive length.")
+    if size is not None and (not isinstance(size, numbers.Real) or not size > 0):
+        raise ValueError(f"size is {size!r}; needs a positive length.")
     file = _font_file(str(font))
     try:
         with TTFont(file, fontNumber=0) as opened:

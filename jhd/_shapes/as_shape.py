@@ -76,9 +76,11 @@ def check_shape(name: str, value: object) -> None:
 
 
 def check_several(name: str, shapes: object) -> None:
-    """Raises TypeError if one shape is passed instead of a list of shapes."""
+    """Raises TypeError if one shape, or what is no list, is passed instead of a list of shapes."""
     if isinstance(shapes, Shape):
         raise TypeError(f"{name} must be a list of shapes; got a single {type(shapes).__name__}.")
+    if not hasattr(shapes, "__iter__"):
+        raise TypeError(f"{name} must be a list of shapes; got {type(shapes).__name__}.")
 
 
 def check_rows_first(entry: str, points: object) -> None:

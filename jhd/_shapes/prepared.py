@@ -13,8 +13,9 @@ from weakref import WeakValueDictionary
 
 import jax
 import numpy as np
+from jax.core import eval_context
 
-from jhd._runtime.arrays import array_of
+from jhd._runtime.arrays import array_of, is_traced
 from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.patch import AbstractPatch
@@ -85,11 +86,15 @@ def prepare(shape: ShapeLike) -> Prepared:
         An object that keeps the search data. Hold it, and pass the shape itself to other functions.
 
     Raises:
-        TypeError: an object that is not a shape.
+        TypeError: an object that is not a shape, or a traced one.
     """
     shape = taken_as("shape", shape)
     check_shape("shape", shape)
-    return prepared(working(shape))
+    if is_traced(shape):
+        raise TypeError("shape is traced; prepare needs known numbers: call it outside of jit, vmap and grad.")
+    # In compiled functions too, where operations on known numbers would be traced.
+    with eval_context():
+        return prepared(working(shape))
 
 
 def working(shape: Any) -> Any:

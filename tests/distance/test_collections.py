@@ -301,6 +301,10 @@ def test_what_is_no_collection_is_refused(as_a_user):
     for call in (jhd.pairwise, jhd.nearest_shapes, jhd.pivot_distances):
         with pytest.raises(TypeError, match=one):
             call(CURVES[0], CURVES[1])
+    with pytest.raises(TypeError, match="shapes must be a list of shapes; got NoneType"):
+        jhd.pairwise(None)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TypeError, match="executor is 3; needs a concurrent.futures.Executor"):
+        jhd.pairwise(CURVES, executor=3)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match=r"shapes\[1\] has 3 coordinates and shapes\[0\] has 2"):
         jhd.pairs_within([CURVES[0], space], threshold=1.0)
     with pytest.raises(ValueError, match="queries has shapes of 3 coordinates and shapes of 2"):

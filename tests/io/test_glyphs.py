@@ -171,9 +171,13 @@ def test_a_text_without_outline_is_refused(text):
         load_glyph("DejaVu Sans", text)
 
 
-def test_bad_texts_sizes_and_files_are_refused(tmp_path):
+def test_bad_texts_sizes_and_files_are_refused(tmp_path, as_a_user):
     with pytest.raises(ValueError, match="text is empty"):
         load_glyph("DejaVu Sans", "")
+    with pytest.raises(TypeError, match="text is 3; needs a string"):
+        load_glyph("DejaVu Sans", 3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match="size is 'x'; needs a positive length"):
+        load_glyph("DejaVu Sans", "a", size="x")  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="size is -1.0; needs a positive length"):
         load_glyph("DejaVu Sans", "a", size=-1.0)
     with pytest.raises(FileNotFoundError, match=r"nothing\.ttf: no such file"):

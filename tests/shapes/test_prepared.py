@@ -4,6 +4,7 @@ import gc
 import weakref
 from concurrent.futures import ThreadPoolExecutor
 
+import jax
 import numpy as np
 import pytest
 
@@ -81,3 +82,15 @@ def test_threads_may_ask_at_once():
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda k: prepared(meshes[k % 64]).part(lambda m: m.count), range(2048)))
     assert found == [4] * 2048
+
+
+def test_known_shapes_are_prepared_in_compiled_functions_and_traced_ones_are_refused():
+    curve = jhd.BSplineCurve.uniform([(0, 0), (2, 0), (1, 2)], closed=True)
+    held = jhd.prepare(curve)
+    jax.jit(lambda x: (x, assert_is(jhd.prepare(curve), held))[0])(1.0)
+    with pytest.raises(TypeError, match="shape is traced; prepare needs known numbers"):
+        jax.jit(jhd.prepare)(curve)
+
+
+def assert_is(found, wanted):
+    assert found is wanted

@@ -421,7 +421,7 @@ def candidates(a: PivotDistances, b: PivotDistances, threshold: float, same: boo
         same: whether both collections are the same. Then each pair comes once, the smaller index first.
     """
     bounds = PivotBounds(a, b)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         spread = np.where(np.all(np.isfinite(a.upper), axis=0), np.std(a.upper, axis=0), 0.0)
     pivot = int(np.argmax(spread))
     order_a, order_b = (np.argsort(x.lower[:, pivot], kind="stable") for x in (a, b))

@@ -66,6 +66,8 @@ def workers(executor: Executor | None) -> Iterator[Executor]:
     XLA lets other threads go on while it computes, so threads do as much as processes, and compile once.
     """
     if executor is not None:
+        if not hasattr(executor, "submit"):
+            raise TypeError(f"executor is {executor!r}; needs a concurrent.futures.Executor.")
         yield executor
         return
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
