@@ -51,6 +51,8 @@ letters of a font (font:NAME:*).
 """
 # Options that name a file, a folder or a method.
 _NAMES = ("out", "plot", "html", "certificate", "surface", "store", "method")
+# What else are words and no files.
+_CHOICES = ("command", "mode", "sign")
 # Exit statuses of commands, in their help.
 _STATUSES = {
     "hausdorff": "0 done; 1 bounds not closed, or no certificate; 2 invalid input. With --threshold: 0 yes, 3 no, "
@@ -158,7 +160,7 @@ def _check_files(options: argparse.Namespace) -> None:
         if words.get(name) == "":
             raise ValueError(f"--{name} is empty; give it a value, or leave it out.")
     several = [x for value in vars(options).values() if isinstance(value, list) for x in value if isinstance(x, str)]
-    read = [value for name, value in words.items() if name not in _NAMES] + several
+    read = [value for name, value in words.items() if name not in (*_NAMES, *_CHOICES)] + several
     for name in _NAMES:
         file = words.get(name)
         if file is not None and os.path.isfile(file) and any(_is_same(file, other) for other in read):

@@ -26,7 +26,7 @@ from jhd._fitting.sampled import lengths_of
 from jhd._fitting.ways import Limits, scales_of, way_of
 from jhd._results.solution import RESULTS, Built, FitSolution, Parameters, name_of, with_result
 from jhd._runtime.argument_hints import refuse_tracing, traceable
-from jhd._runtime.arrays import check_scalar, check_whole, real_array
+from jhd._runtime.arrays import check_scalar, real_array, whole
 from jhd._shapes.as_shape import Shape, ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
@@ -139,7 +139,7 @@ def _minimized(
     progress: Callback | None = None,
 ) -> FitSolution:
     """The same as `minimize_hausdorff`, within the time of a clock."""
-    check_whole("max_steps", max_steps, 0)
+    max_steps = whole("max_steps", max_steps, 0)
     check_scalar("stop_below", real_array("stop_below", stop_below))
     target = taken_as("target", target)
     flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
@@ -234,11 +234,10 @@ def fit_curve(
             max_seconds=max_seconds,
             progress=progress,
         )[0]
-    segments = 1 if segments is None else segments
-    check_whole("segments", segments, 1)
+    segments = whole("segments", 1 if segments is None else segments, 1)
     closed = bool(following[-1] == 0) if closed is None else closed
     least = 3 if smooth else 2 if ends == "fixed" and segments == 1 and not closed else 1
-    _check_degree(degree, least)
+    degree = _checked_degree(degree, least)
     if ends not in ("fixed", "free"):
         raise ValueError(f"ends is {ends!r}; needs 'fixed' or 'free'.")
     joints = divided(curve, segments)
@@ -322,9 +321,8 @@ def fit_outline(
         ValueError: the target is a point set, a number is out of range, or the tolerance is too small.
     """
     refuse_tracing("fit_outline", target)
-    _check_degree(degree, 1)
-    check_whole("max_segments", max_segments, 1)
-    check_whole("max_steps", max_steps, 0)
+    degree = _checked_degree(degree, 1)
+    max_segments, max_steps = whole("max_segments", max_segments, 1), whole("max_steps", max_steps, 0)
     given, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", given)
     curve = given.segments()
@@ -422,7 +420,8 @@ def _rows(starts: Any) -> list[Any]:
     return [jax.tree_util.tree_map(lambda x, k=k: jnp.asarray(x, dtype=float)[k], starts) for k in range(count)]
 
 
-def _check_degree(degree: int, least: int) -> None:
-    check_whole("degree", degree, least)
+def _checked_degree(degree: int, least: int) -> int:
+    degree = whole("degree", degree, 0)
     if not least <= degree <= _LARGEST_DEGREE:
         raise ValueError(f"degree is {degree}; needs at least {least} and at most {_LARGEST_DEGREE}.")
+    return degree

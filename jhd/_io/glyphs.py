@@ -8,7 +8,6 @@ ligatures.
 Source: Apple, TrueType Reference Manual, chapter "Digitizing letterform designs".
 """
 
-import numbers
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -106,7 +105,7 @@ def _outlines(
     font: str | Path, texts_of: Callable[[TTFont], list[str]], size: float | int | None
 ) -> list[BezierSegments | None]:
     """The outlines of some texts, None for texts without ink, from a font that is opened once."""
-    if size is not None and (not isinstance(size, numbers.Real) or not size > 0):
+    if size is not None and (not hasattr(size, "__float__") or not float(size) > 0):
         raise ValueError(f"size is {size!r}; needs a positive length.")
     file = _font_file(str(font))
     try:

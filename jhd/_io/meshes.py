@@ -200,7 +200,7 @@ def _read_stl(file: object, content: bytes) -> Polygons:
         raise ParseError(f"byte {size}: ends after {whole} of {count} triangles.", file)
     # Some programs append bytes of their own, but no triangles.
     more, rest = divmod(size - needed, _STL_ROW.itemsize)
-    if more and not rest:
+    if more and not rest and any(content[needed:]):
         raise ParseError(f"byte {needed}: as many bytes follow the {count} triangles as {more} more have.", file)
     return _stl_rows(content, start, count)
 

@@ -137,6 +137,8 @@ _SHAPES = {
     "polygon": _polyline,
 }
 _DRAWN = frozenset(("svg", "g", "a", "switch", "use", *_SHAPES))
+# What a `switch` may choose; text and pictures are no curves.
+_CHOSEN = _DRAWN | {"text", "image", "foreignObject"}
 
 
 class Drawn(NamedTuple):
@@ -226,7 +228,8 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
         place = _enter_viewport(element, place)
     children = element.children
     if element.tag == "switch":
-        children = [child for child in children if _is_meant(child)][:1]
+        chosen = next((child for child in children if child.tag in _CHOSEN and _is_meant(child)), None)
+        children = [] if chosen is None else [chosen]
     for child in children:
         yield from _draw(child, place, named)
 
@@ -237,9 +240,11 @@ def _is_meant(element: Element) -> bool:
     Raises:
         ParseError: an element for readers of some language.
     """
+    if "requiredExtensions" in element.attributes:
+        return False
     if "systemLanguage" in element.attributes:
         raise element.error("has systemLanguage, which is not read; leave one language.")
-    return not element.attributes.get("requiredExtensions")
+    return True
 
 
 def _used(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> tuple[Element, _DrawnPlace]:

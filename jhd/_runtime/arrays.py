@@ -1,7 +1,8 @@
 """Checks of user input (real, finite arrays, with messages that name the input), and tables of arrays."""
 
+import numbers
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -178,6 +179,13 @@ def check_whole(name: str, value: object, least: int) -> None:
     """Raises ValueError unless the value is an int of at least this size."""
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
+
+
+def whole(name: str, value: object, least: int) -> int:
+    """A whole number, of NumPy's types too, as an int; ValueError for anything else and below the least."""
+    number = int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else value
+    check_whole(name, number, least)
+    return cast(int, number)
 
 
 def taken(table: Rows, rows: Any) -> Rows:

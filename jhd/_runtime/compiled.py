@@ -178,7 +178,11 @@ class _Plain:
     def __call__(self, *args: Any) -> Any:
         program, self.last = self._made(), next(_calls)
         leaves, tree = tree_flatten(tuple([x for i, x in enumerate(args) if i not in self._static]))
-        kinds = tree, tuple([args[i] for i in self._static]), tuple([(np.shape(x), _type(x)) for x in leaves])
+        kinds = (
+            tree,
+            tuple([(type(args[i]), args[i]) for i in self._static]),
+            tuple([(np.shape(x), _type(x)) for x in leaves]),
+        )
         if kinds not in self._kinds:
             _ask()
         with searches_in_program():

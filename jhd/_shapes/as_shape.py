@@ -79,7 +79,7 @@ def check_several(name: str, shapes: object) -> None:
     """Raises TypeError if one shape, or what is no list, is passed instead of a list of shapes."""
     if isinstance(shapes, Shape):
         raise TypeError(f"{name} must be a list of shapes; got a single {type(shapes).__name__}.")
-    if not hasattr(shapes, "__iter__"):
+    if not hasattr(shapes, "__iter__") and not hasattr(shapes, "__getitem__"):
         raise TypeError(f"{name} must be a list of shapes; got {type(shapes).__name__}.")
 
 

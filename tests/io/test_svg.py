@@ -364,7 +364,8 @@ ERRORS = {
 
 
 def test_of_a_switch_the_first_child_whose_conditions_hold_is_drawn(tmp_path):
-    body = """<switch><path requiredExtensions="x" d="M5 0L6 0"/><path d="M1 0L2 0"/><path d="M3 0L4 0"/></switch>
+    body = """<switch><title>t</title><path requiredExtensions="x" systemLanguage="de" d="M5 0L6 0"/>
+      <path d="M1 0L2 0"/><path systemLanguage="de" d="M3 0L4 0"/></switch>
       <path requiredExtensions="x" d="M7 0L8 0"/>"""
     assert starts(read(tmp_path, body)).tolist() == [[1, 0]]
 

@@ -40,7 +40,7 @@ from jhd._results.batches import AbstractSolution
 from jhd._results.bounds import AbstractBounds, Bounds
 from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd._results.unproven import relative_tolerance
-from jhd._runtime.arrays import check_whole, is_traced, is_tracing, undifferentiated
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated, whole
 from jhd._runtime.decimals import interval_text
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers, optional_array
@@ -190,12 +190,12 @@ class AbstractStatistic(eqx.Module):
                 In compiled functions the derivative is NaN instead.
         """
         a, b, counts = self._checked(a, b, weights)
-        if nodes is not None:
-            check_whole("nodes", nodes, 1)
+        nodes = None if nodes is None else whole("nodes", nodes, 1)
         if _is_hidden(a, b, counts) and not isinstance(self, MaxDistance):
             known = partial(_known_value, self, nodes)
             return answer_in_program(known, partial(jnp.asarray, jnp.inf, dtype_of(a)), *_with_weights(a, b, counts))
-        _check_size(a, b)
+        if not _is_hidden(a, b, counts):
+            _check_size(a, b)
         found = self._estimated(a, b, counts, nodes)
         _throw_unless_confirmed(found, None)
         return found.value

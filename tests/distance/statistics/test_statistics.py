@@ -293,6 +293,14 @@ def test_parallel_squares_are_everywhere_as_far_as_their_planes(statistic):
         assert float(slope) == pytest.approx(1.0, rel=1e-9)
 
 
+def test_the_largest_distance_is_estimated_in_compiled_functions_and_nodes_may_be_of_numpy():
+    a, b = (jhd.BezierSegments(x[:1]) for x in CURVES)
+    largest = jhd.MaxDistance()
+    assert float(jax.jit(largest.estimate)(a, b)) == pytest.approx(float(largest.estimate(a, b)), rel=1e-12)
+    mean = jhd.MeanDistance()
+    assert float(mean.estimate(a, b, nodes=np.int64(8))) == float(mean.estimate(a, b, nodes=8))
+
+
 def test_estimates_of_shapes_that_are_nearly_subnormal_are_refused(as_a_user):
     a, b = jhd.polyline([(0.0, 0), (1e-307, 0)]), jhd.point_set([(0.0, 1e-307)])
     for statistic in (jhd.RMSDistance(directed=True), jhd.QuantileDistance(0.5, directed=True)):
