@@ -1,6 +1,7 @@
 """Fits: known best curves are reached, errors are proven, maxima are equal, stops are named, input is checked."""
 
 from functools import cache
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -135,7 +136,8 @@ def test_sizes_that_are_too_small_are_refused(options, message, as_a_user):
 
 
 def test_a_fit_that_misses_its_tolerance_says_so(as_a_user):
-    [fit] = jhd.fit_outline(quarter(), 1e-5, degree=np.int64(3), max_segments=np.int32(1))
+    sizes: Any = {"degree": np.int64(3), "max_segments": np.int32(1)}
+    [fit] = jhd.fit_outline(quarter(), 1e-5, **sizes)
     assert float(fit.error.upper) > 1e-5 and name_of(fit.result) == "fit_tolerance_missed" and not fit.ok
     with pytest.raises(ValueError, match="max_segments is 0; needs a whole number of at least 1"):
         jhd.fit_outline(quarter(), 1e-5, max_segments=0)

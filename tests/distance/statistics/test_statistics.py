@@ -293,12 +293,13 @@ def test_parallel_squares_are_everywhere_as_far_as_their_planes(statistic):
         assert float(slope) == pytest.approx(1.0, rel=1e-9)
 
 
-def test_the_largest_distance_is_estimated_in_compiled_functions_and_nodes_may_be_of_numpy():
+def test_the_largest_distance_is_estimated_in_compiled_functions_and_nodes_may_be_of_numpy(as_a_user):
     a, b = (jhd.BezierSegments(x[:1]) for x in CURVES)
     largest = jhd.MaxDistance()
     assert float(jax.jit(largest.estimate)(a, b)) == pytest.approx(float(largest.estimate(a, b)), rel=1e-12)
-    mean = jhd.MeanDistance()
-    assert float(mean.estimate(a, b, nodes=np.int64(8))) == float(mean.estimate(a, b, nodes=8))
+    mean, nodes = jhd.MeanDistance(), np.int64(8)
+    value = mean.estimate(a, b, nodes=nodes)  # pyright: ignore[reportArgumentType]
+    assert float(value) == float(mean.estimate(a, b, nodes=8))
 
 
 def test_estimates_of_shapes_that_are_nearly_subnormal_are_refused(as_a_user):
