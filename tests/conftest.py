@@ -178,7 +178,7 @@ def drop_programs_above(limit):
     """Drop all programs if the process holds more bytes than the limit."""
     global _left
     if _held() > limit:
-        from jhd._runtime.compiled import give_back
+        from jhd._runtime.c_library import give_back
 
         gc.unfreeze()
         jax.clear_caches()

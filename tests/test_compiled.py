@@ -57,6 +57,9 @@ def test_a_program_for_large_arguments_is_compiled_once(monkeypatch):
     finally:
         jax.monitoring.unregister_event_duration_listener(listener)
     assert len(compilations) == 1
+    # Constants that are equal and of two types are two.
+    chosen = compiled(lambda x, k: x[0] + (1 if k is True else 2), static=(1,))
+    assert [float(chosen(np.zeros(1 << 18), k)) for k in (True, 1)] == [1.0, 2.0]
 
 
 @pytest.mark.slow

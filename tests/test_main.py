@@ -287,6 +287,11 @@ def test_points_come_from_a_file_or_standard_input(run, monkeypatch):
     assert content == json.loads(from_input)
     assert content["context"]["points"] == [[1.0, 2.0], [3.0, -1.0]]
     np.testing.assert_allclose(content["solution"]["foot"], [[1.0, 0.0], [3.0, 0.0]], atol=1e-9)
+    Path("points.txt").write_bytes(b"1 2 \xff\n")
+    with open("points.txt", encoding="utf-8") as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        status, _, err = run("project", BASE)
+    assert status == 2 and "standard input: byte 4 is not UTF-8 text" in err
 
 
 def test_many_points_are_projected_some_at_a_time_and_an_interrupt_keeps_what_is_done(run, monkeypatch):

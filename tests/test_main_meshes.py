@@ -93,6 +93,12 @@ def test_a_field_is_stored_and_turned_into_a_mesh(run):
     assert status == 0 and facts["leaves"] == field.leaves and facts["sampled_error"] < 0.2
     assert load_mesh("s.stl").is_closed
     assert "leaves" in run("field", "a.ply", "--tolerance", "0.1", "--out", "f.npz")[1]
+    # No test point of a leaf exceeds the tolerance, but a random one does.
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    save_mesh("t.obj", jhd.TriangleMesh(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]))
+    status, out, _ = run("field", "t.obj", "--tolerance", "0.05", "--out", "f.npz", "--json")
+    facts = json.loads(out)
+    assert facts["unresolved"] == 0 and facts["sampled_error"] > 0.05 and status == 1
 
 
 @pytest.mark.parametrize(

@@ -95,9 +95,9 @@ class Deviation(AbstractSolution):
             Bounds of the fraction, between 0 and 1.
 
         Raises:
-            ValueError: the threshold is negative or NaN.
+            ValueError: the threshold is not one number of at least 0.
         """
-        if not isinstance(threshold, numbers.Real | np.ndarray | jax.Array) or not float(threshold) >= 0:
+        if not _is_number(threshold) or not float(threshold) >= 0:
             raise ValueError(f"threshold is {threshold!r}; needs a length of at least 0.")
         return Bounds(*share_bounds(self._weights(), *self._values().within(threshold)))
 
@@ -190,8 +190,12 @@ class Deviation(AbstractSolution):
 
 def check_share(name: str, q: float) -> None:
     """Raises ValueError unless q is a fraction above 0 and at most 1."""
-    if not isinstance(q, numbers.Real | np.ndarray | jax.Array) or np.ndim(q) or not 0 < float(q) <= 1:
+    if not _is_number(q) or not 0 < float(q) <= 1:
         raise ValueError(f"{name} is {q!r}; needs a number above 0 and at most 1.")
+
+
+def _is_number(x: object) -> bool:
+    return isinstance(x, numbers.Real | np.ndarray | jax.Array) and np.ndim(x) == 0
 
 
 def _points_at(shape: Any, params: Any) -> Array:

@@ -78,7 +78,7 @@ def _texts(text: str, file: object) -> list[tuple[int, str]]:
     level = 0
     for number, line in enumerate(text.splitlines(), start=1):
         if "\0" in line:
-            raise ParseError("holds a character of code zero, at which readers of WKT stop.", file, number)
+            raise ParseError("holds a null character, at which readers of WKT stop.", file, number)
         content = line if level else _REFERENCE_SYSTEM.sub("", line, count=1)
         if level or (parts and not _is_whole(parts[-1][1])):
             parts[-1] = (parts[-1][0], f"{parts[-1][1]}\n{content}")

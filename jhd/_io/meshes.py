@@ -201,7 +201,7 @@ def _read_stl(file: object, content: bytes) -> Polygons:
     # Some programs append bytes of their own, but no triangles.
     more, rest = divmod(size - needed, _STL_ROW.itemsize)
     if more and not rest and any(content[needed:]):
-        raise ParseError(f"byte {needed}: as many bytes follow the {count} triangles as {more} more have.", file)
+        raise ParseError(f"byte {needed}: {count} triangles are announced, and {more} more follow.", file)
     return _stl_rows(content, start, count)
 
 

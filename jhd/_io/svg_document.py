@@ -235,7 +235,7 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
 
 
 def _is_meant(element: Element) -> bool:
-    """Whether its conditions hold: extensions of SVG are none that are known.
+    """Whether the conditions of an element hold. Extensions of SVG are not read, so those that need one are left out.
 
     Raises:
         ParseError: an element for readers of some language.

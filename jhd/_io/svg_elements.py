@@ -177,7 +177,7 @@ class _DocumentBuilder:
             self.sheet.append(part)
 
     def instruction(self, target: str, _: str) -> None:
-        """An instruction for a program stands there."""
+        """A processing instruction, as `<?xml-stylesheet ...?>`."""
         if target == "xml-stylesheet":
             line, column = self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
             raise ParseError("names a style sheet, which is not read; needs attributes.", line=line, column=column)

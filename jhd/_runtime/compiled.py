@@ -4,7 +4,6 @@ A process holds at most `MOST` executables, about 1.7 MB each. Beyond that numbe
 lose theirs. They are read from disk, or compiled again, when the function is called again.
 """
 
-import ctypes
 import functools
 import gc
 import itertools
@@ -24,6 +23,7 @@ from jax.sharding import SingleDeviceSharding
 from jax.tree_util import tree_flatten, tree_unflatten
 
 from jhd._runtime.arrays import is_tracing
+from jhd._runtime.c_library import give_back
 from jhd._runtime.forks import check_process
 from jhd._runtime.jax_internals import count_executables, host_device, is_literal, trace_context
 from jhd._runtime.memory import check_memory
@@ -198,7 +198,7 @@ class _Plain:
         return result
 
     def _with_room(self, program: Any, kinds: Any, leaves: list[Any], args: tuple) -> Any:
-        """The results, if there is memory for them. Jit would compile what was compiled to ask this once more."""
+        """The results, if there is memory for them; asked of the program itself, which jit would compile again."""
         key = trace_context and trace_context(), kinds, tuple([_kind(x) for x in leaves])
         run = self._large.get(key)
         if run is None:
@@ -336,7 +336,7 @@ def _tried(found: Any, leaves: list[Any]) -> tuple[Any, Any]:
 
 
 def _is_watched() -> bool:
-    """Whether results are looked at one by one, which is left to jit."""
+    """Whether JAX looks for NaN or infinity in every result, which is left to jit."""
     return jax.config.jax_debug_nans or jax.config.jax_debug_infs  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -425,25 +425,6 @@ def make_room() -> None:
         for holder in holders:
             holder.clear()
         gc.collect()
-
-
-def give_back() -> None:
-    """Free memory that the C library holds goes to the system: half of the hundred megabytes a program takes to make.
-
-    Done by the GNU library, a few milliseconds; others need no asking, or cannot be asked.
-    """
-    trim = _library_call("malloc_trim")
-    if trim is not None:
-        trim(0)
-
-
-@functools.cache
-def _library_call(name: str) -> Any:
-    """A function of the C library of this process, None where it has none of this name."""
-    try:
-        return getattr(ctypes.CDLL(None), name, None)
-    except (OSError, TypeError):  # Windows has no such handle
-        return None
 
 
 @functools.cache

@@ -76,7 +76,7 @@ def check_shape(name: str, value: object) -> None:
 
 
 def check_several(name: str, shapes: object) -> None:
-    """Raises TypeError if one shape, or what is no list, is passed instead of a list of shapes."""
+    """Raises TypeError if one shape, or an object that is not a list, is passed instead of a list of shapes."""
     if isinstance(shapes, Shape):
         raise TypeError(f"{name} must be a list of shapes; got a single {type(shapes).__name__}.")
     if not hasattr(shapes, "__iter__") and not hasattr(shapes, "__getitem__"):

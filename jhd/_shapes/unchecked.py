@@ -4,6 +4,7 @@ from functools import lru_cache
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jhd._runtime.arrays import check_finite, is_tracing
@@ -20,6 +21,9 @@ def segments_of(control_points: Any, weights: Any, next_segment: Any = None) -> 
     """
     if is_tracing(control_points, weights, next_segment):
         return BezierSegments(control_points, weights, next_segment)
+    # In the default precision, which may be another than when the curve was made.
+    kind = jnp.result_type(float)
+    control_points, weights = (None if x is None else np.asarray(x, kind) for x in (control_points, weights))
     check_finite("control_points", control_points)
     if weights is not None:
         check_finite("weights", weights)

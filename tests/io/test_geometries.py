@@ -52,7 +52,7 @@ def test_points_in_space_are_a_point_set(name, content, tmp_path):
 
 def test_a_character_that_ends_texts_is_refused(tmp_path):
     (tmp_path / "a.wkt").write_text("POINT (1 2)\nPOINT (1 2)\0, POINT (3 4)", encoding="utf-8")
-    with pytest.raises(jhd.io.ParseError, match=r"a\.wkt:2: holds a character of code zero"):
+    with pytest.raises(jhd.io.ParseError, match=r"a\.wkt:2: holds a null character"):
         jhd.io.load_shape(tmp_path / "a.wkt")
 
 

@@ -197,7 +197,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.stl", b"x" + stl(2, SQUARE[:3])[1:], r"a\.stl: byte 134: ends after 1 of 2 triangles"),
         ("a.stl", stl(2, SQUARE[:3]), r"a\.stl: byte 134: ends after 1 of 2 triangles"),
         ("a.stl", stl(2, SQUARE[:3], NAN), r"a\.stl: byte 134: the vertex \(0, nan, 0\) is not finite"),
-        ("a.stl", stl(1, SQUARE[:3], SQUARE[1:]), "byte 134: as many bytes follow the 1 triangles as 1 more have"),
+        ("a.stl", stl(1, SQUARE[:3], SQUARE[1:]), "byte 134: 1 triangles are announced, and 1 more follow"),
         ("a.stl", FACET.format("1 0"), r"a\.stl:6: a vertex has 4 coordinates; needs 3"),
         ("a.stl", FACET.format("x"), r"a\.stl:6: needs a number; found 'x'"),
         ("a.stl", FACET.format("inf"), r"a\.stl:6: the vertex \(0, inf, 0\) is not finite"),

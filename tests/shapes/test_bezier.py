@@ -180,3 +180,13 @@ def test_nearest_points_at_the_largest_degree_are_proven():
     lower, upper = np.asarray(found.lower), np.asarray(found.upper)
     assert np.all(lower <= [0.4, 1.0]) and np.all(upper >= [0.4, 1.0])
     assert np.all(upper - lower < 1e-10)
+
+
+def test_segments_are_in_the_default_precision_whatever_that_of_the_curve():
+    points = [(0.0, 0), (1, 2), (2, 0)]
+    with jax.enable_x64(False):
+        single = BezierCurve(points, [1, 2, 1])
+    for curve, wide in ((single, True), (BezierCurve(points), False)):
+        with jax.enable_x64(wide):
+            kinds = {x.dtype for x in jax.tree_util.tree_leaves(curve.segments())}
+        assert kinds == {np.dtype(float if wide else np.float32)}

@@ -96,6 +96,7 @@ class Certificate:
         Raises:
             CertificateError: a part of the claim is not proven, or the check takes too long. The message names the
                 part.
+            ValueError: `max_seconds` is not a positive number.
         """
         return verify(self.content, max_seconds, progress)
 
@@ -150,6 +151,7 @@ def verify(
     Raises:
         CertificateError: something is missing, invalid or not proven, or the check takes too long. The message names
             it.
+        ValueError: `max_seconds` is not a positive number.
     """
     done = itertools.count()
     told = None if progress is None else lambda place: progress(Progress(place, next(done)))

@@ -36,7 +36,7 @@ from jhd._distance.pairs import METHODS
 from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import check_whole, real_array, same_arrays
-from jhd._runtime.compiled import give_back
+from jhd._runtime.c_library import give_back
 from jhd._shapes.as_shape import ShapeLike
 from jhd._shapes.checks import Numbers
 from jhd.progress import Callback, Progress

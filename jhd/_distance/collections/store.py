@@ -2,8 +2,8 @@
 
 A part is a file in NumPy's format with a checksum behind it, next to a manifest in JSON. Each file is written under a
 temporary name, forced to the disk and then renamed: it is whole or absent, also after a kill or a loss of power. A part
-that was damaged later is computed again. The manifest has a fingerprint
-of everything that the numbers depend on, and a folder made for other inputs is refused. One call at a time may write.
+that was damaged later is computed again. The manifest has a fingerprint of everything that the numbers depend on, and a
+folder made for other inputs is refused. One call at a time may write.
 """
 
 import hashlib

@@ -52,8 +52,9 @@ _NEAR_END = 0.01
 _ZOOM = 0.125
 # Cells are closed a little below the tolerance, so that rounding of the comparison cannot exceed it.
 _CLOSE = 0.99
-# Cells that cannot be cut again are closed at so many times the tolerance.
-_SETTLED = 64
+# Cells that cannot be cut again are closed at so many times the tolerance: in single precision, of 18,000 queries of
+# curves with even weights, five stay open at once the tolerance and none at eight times.
+_SETTLED = 8
 
 
 class NearestOnCurve(eqx.Module):

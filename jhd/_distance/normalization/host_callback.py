@@ -34,10 +34,10 @@ from jaxtyping import Array
 
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 from jhd._runtime.arrays import array_of, is_traced, varying
+from jhd._runtime.c_library import subnormals_kept
 from jhd._runtime.compiled import calls_host, compiled, optimized
 from jhd._runtime.jax_internals import host_device
 from jhd._runtime.sharding import is_partitioned, shared_by_devices
-from jhd._runtime.subnormals import subnormals_kept
 
 # Members of a batch that one program takes, one after the other. An eighth of them is worth a call, so that the cores
 # finish at about the same time.

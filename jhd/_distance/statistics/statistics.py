@@ -19,23 +19,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd._arithmetic.rounding import smallest_normal
-from jhd._arithmetic.scaling import common_exponent, scale_of
 from jhd._distance.deviation import check_kinds, checked_weights, deviation
 from jhd._distance.deviation_solution import Deviation, check_share
 from jhd._distance.hausdorff import directed_hausdorff
 from jhd._distance.normalization.custom_derivatives import carrying
 from jhd._distance.normalization.host_callback import answer_in_program
-from jhd._distance.normalization.net_jets import Net
-from jhd._distance.project import project
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._distance.search.dispatch import dtype_of
 from jhd._distance.search.points import is_points
+from jhd._distance.statistics.distances_along import check_size, common_scale, distances_along, scaled_net
 from jhd._distance.statistics.error_control import Estimated
-from jhd._distance.statistics.pointwise import Sight, told_from_zero
-from jhd._distance.statistics.quadrature import along, net_of, nodes_of, resolved
+from jhd._distance.statistics.pointwise import Sight
 from jhd._distance.statistics.quantiles import quantile_beside, quantile_of, quantile_over
-from jhd._distance.statistics.surface_quadrature import resolved_on_surface
 from jhd._results.batches import AbstractSolution
 from jhd._results.bounds import AbstractBounds, Bounds
 from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
@@ -49,8 +44,6 @@ from jhd._triangles.closest_point import outward
 
 # Newton's steps for the level of a quantile where the number of nodes is given.
 _FEW_STEPS = 3
-# The largest coordinate is at least so many times the smallest normal number.
-_MARGIN = 2**24
 
 
 class StatisticSolution(AbstractBounds, AbstractSolution):
@@ -93,20 +86,6 @@ def check_statistic(statistic: object) -> None:
     raise TypeError(
         f"statistic must be MaxDistance(), MeanDistance(), RMSDistance() or QuantileDistance(q); got {came}."
     )
-
-
-class Along(NamedTuple):
-    """Distances to `b` at points along `a`.
-
-    Args:
-        distance: the distances, differentiable in both shapes.
-        weight: the weight of each point, differentiable in `a`.
-        off: bound of the relative error of derivatives of sums.
-    """
-
-    distance: Array
-    weight: Array
-    off: float
 
 
 class AbstractStatistic(eqx.Module):
@@ -195,7 +174,7 @@ class AbstractStatistic(eqx.Module):
             known = partial(_known_value, self, nodes)
             return answer_in_program(known, partial(jnp.asarray, jnp.inf, dtype_of(a)), *_with_weights(a, b, counts))
         if not _is_hidden(a, b, counts):
-            _check_size(a, b)
+            check_size(a, b)
         found = self._estimated(a, b, counts, nodes)
         _throw_unless_confirmed(found, None)
         return found.value
@@ -286,7 +265,7 @@ class MeanDistance(AbstractStatistic):
         return found.mean
 
     def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
-        scale, at = _distances(a, b, weights, nodes)
+        scale, at = distances_along(a, b, weights, nodes)
         return Estimated(jnp.sum(at.weight * at.distance) / jnp.sum(at.weight) / scale, at.off)
 
 
@@ -307,7 +286,7 @@ class RMSDistance(AbstractStatistic):
         return found.rms
 
     def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
-        scale, at = _distances(a, b, weights, nodes)
+        scale, at = distances_along(a, b, weights, nodes)
         square = jnp.sum(at.weight * at.distance**2) / jnp.sum(at.weight)
         some = square > 0
         return Estimated(jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0) / scale, at.off)
@@ -344,7 +323,7 @@ class QuantileDistance(AbstractStatistic):
         found = None if is_points(a) else self._level(a, b, nodes)
         if found is not None:
             return found
-        scale, at = _distances(a, b, weights, nodes)
+        scale, at = distances_along(a, b, weights, nodes)
         if is_points(a):
             # The weights as they were given, whose sums are exact.
             counts = at.weight if weights is None else weights
@@ -356,9 +335,9 @@ class QuantileDistance(AbstractStatistic):
         """The quantile by the points where the distance passes it, if it can be told by these."""
         if not isinstance(a, AbstractCurve) and nodes is not None:
             return None
-        scale = _scale(a, b)
+        scale = common_scale(a, b)
         sight, steps = Sight(b, scale, is_traced(a, b)), None if nodes is None else _FEW_STEPS
-        found = quantile_over(_scaled(a, scale), sight, b, self.q, steps)
+        found = quantile_over(scaled_net(a, scale), sight, b, self.q, steps)
         return None if found is None else found._replace(value=found.value / scale)
 
 
@@ -424,45 +403,3 @@ def _larger(first_way: _Directed, second_way: _Directed) -> _Directed:
     direction = DIRECTIONS.where(first, there.direction, back.direction)
     reached = {f"{of}, {way}": ends for way, x in enumerate((first_way, second_way)) for of, ends in x.reached.items()}
     return _Directed(StatisticSolution(value.value, lower, upper, direction, result), value, reached)
-
-
-def _distances(a: Any, b: Any, weights: Any, nodes: int | None) -> tuple[float, Along]:
-    """Distances at points along a times a power of two, so that squares are numbers, and that power."""
-    scale = _scale(a, b)
-    if is_points(a):
-        points = a.segments().control_points[:, 0]
-        counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(undifferentiated(weights)))
-        found = project(points, b, throw=False)
-        distance = jnp.where(told_from_zero(found, scale), found.distance * scale, 0.0)
-        return scale, Along(distance, counts, 0.0)
-    net, sight = _scaled(a, scale), Sight(b, scale, is_traced(a, b))
-    known = undifferentiated(net)
-    found = None
-    if nodes is None and net.parameters == 2:
-        found = resolved_on_surface(known, sight)
-    if found is None:
-        cells, count, left = resolved(known, sight.at, nodes)
-        found = nodes_of(cells, count), left if net.parameters == 1 else np.inf
-    rule, off = found
-    points, density, _ = along(net, rule)
-    return scale, Along(sight.moving(points, b), jnp.asarray(rule.factor) * density, off)
-
-
-def _scaled(a: Any, scale: float) -> Net:
-    """The pieces of a times the power of two, differentiable."""
-    net = net_of(a)
-    return Net(net.points * scale, net.weights)
-
-
-def _scale(a: Any, b: Any) -> float:
-    """The power of two by which the coordinates of both shapes are of about one."""
-    boxes = [np.asarray(end) for shape in undifferentiated((a, b)) for end in shape.bounds]
-    return float(scale_of(common_exponent(*boxes), boxes[0].dtype))
-
-
-def _check_size(a: Any, b: Any) -> None:
-    """Raises ValueError if what compiled programs take for zero, subnormal numbers, would be seen in an estimate."""
-    largest = max(float(np.max(np.abs(np.asarray(end)))) for x in undifferentiated((a, b)) for end in x.bounds)
-    least = _MARGIN * smallest_normal(dtype_of(a))
-    if 0 < largest < least:
-        raise ValueError(f"coordinates are at most {largest:.2g}, too small for an estimate; scale both shapes.")

@@ -1,0 +1,78 @@
+"""Distances to one shape at points along another, scaled so that their squares are normal numbers."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd._arithmetic.rounding import smallest_normal
+from jhd._arithmetic.scaling import common_exponent, scale_of
+from jhd._distance.normalization.net_jets import Net
+from jhd._distance.project import project
+from jhd._distance.search.dispatch import dtype_of
+from jhd._distance.search.points import is_points
+from jhd._distance.statistics.pointwise import Sight, told_from_zero
+from jhd._distance.statistics.quadrature import along, net_of, nodes_of, resolved
+from jhd._distance.statistics.surface_quadrature import resolved_on_surface
+from jhd._runtime.arrays import is_traced, undifferentiated
+
+# The largest coordinate is at least so many times the smallest normal number: what is flushed to zero is then below a
+# ten-millionth of it, less than estimates are off by.
+_MARGIN = 2**24
+
+
+class Along(NamedTuple):
+    """Distances to `b` at points along `a`.
+
+    Args:
+        distance: the distances, differentiable in both shapes.
+        weight: the weight of each point, differentiable in `a`.
+        off: bound of the relative error of derivatives of sums.
+    """
+
+    distance: Array
+    weight: Array
+    off: float
+
+
+def distances_along(a: Any, b: Any, weights: Any, nodes: int | None) -> tuple[float, Along]:
+    """Distances at points along a times a power of two, so that squares are numbers, and that power."""
+    scale = common_scale(a, b)
+    if is_points(a):
+        points = a.segments().control_points[:, 0]
+        counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(undifferentiated(weights)))
+        found = project(points, b, throw=False)
+        distance = jnp.where(told_from_zero(found, scale), found.distance * scale, 0.0)
+        return scale, Along(distance, counts, 0.0)
+    net, sight = scaled_net(a, scale), Sight(b, scale, is_traced(a, b))
+    known = undifferentiated(net)
+    found = None
+    if nodes is None and net.parameters == 2:
+        found = resolved_on_surface(known, sight)
+    if found is None:
+        cells, count, left = resolved(known, sight.at, nodes)
+        found = nodes_of(cells, count), left if net.parameters == 1 else np.inf
+    rule, off = found
+    points, density, _ = along(net, rule)
+    return scale, Along(sight.moving(points, b), jnp.asarray(rule.factor) * density, off)
+
+
+def scaled_net(a: Any, scale: float) -> Net:
+    """The pieces of a times the power of two, differentiable."""
+    net = net_of(a)
+    return Net(net.points * scale, net.weights)
+
+
+def common_scale(a: Any, b: Any) -> float:
+    """The power of two by which the coordinates of both shapes are of about one."""
+    boxes = [np.asarray(end) for shape in undifferentiated((a, b)) for end in shape.bounds]
+    return float(scale_of(common_exponent(*boxes), boxes[0].dtype))
+
+
+def check_size(a: Any, b: Any) -> None:
+    """Raises ValueError if what compiled programs take for zero, subnormal numbers, would be seen in an estimate."""
+    largest = max(float(np.max(np.abs(np.asarray(end)))) for x in undifferentiated((a, b)) for end in x.bounds)
+    least = _MARGIN * smallest_normal(dtype_of(a))
+    if 0 < largest < least:
+        raise ValueError(f"coordinates are at most {largest:.2g}, too small for an estimate; scale both shapes.")
