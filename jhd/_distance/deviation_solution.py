@@ -195,7 +195,7 @@ def check_share(name: str, q: float) -> None:
 
 
 def _is_number(x: object) -> bool:
-    return isinstance(x, numbers.Real | np.ndarray | jax.Array) and np.ndim(x) == 0
+    return isinstance(x, numbers.Real) or (isinstance(x, np.ndarray | jax.Array) and x.ndim == 0)
 
 
 def _points_at(shape: Any, params: Any) -> Array:
