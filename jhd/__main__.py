@@ -288,6 +288,7 @@ def _add_distances(commands: Any) -> None:
     distance.add_argument("--directed", action="store_true", help=directed)
     distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("BranchAndBound"))
     _add_tolerances(distance)
+    _add_max_seconds(distance)
     distance.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
     shown = "both shapes, the witness and, for curves, the distance profiles"
     distance.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
@@ -298,6 +299,7 @@ def _add_distances(commands: Any) -> None:
     minimum = _added(commands, "minimum", "minimum distance of two shapes, with certified bounds", epilog)
     _add_shapes(minimum)
     _add_tolerances(minimum)
+    _add_max_seconds(minimum)
     minimum.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
     minimum.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format("both shapes and their nearest points"))
     minimum.add_argument("--certificate", metavar="FILE", help=_CERTIFICATE_HELP)
@@ -358,6 +360,7 @@ def _add_deviation(commands: Any) -> None:
     )
     atol = "largest upper - lower of maximum, mean and RMS (default: 1e-6 of the diagonal)"
     _add_tolerances(parser, atol, 1e-3)
+    _add_max_seconds(parser)
     within = "distance up to which the fraction of A is printed too"
     parser.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=within)
     quantile = "fraction of A whose quantile is printed and must reach the tolerance too, for example 0.95"
@@ -372,6 +375,11 @@ def _add_tolerances(parser: Any, atol: str = _ATOL_HELP, rtol: float | None = No
     parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=atol)
     help_ = _RTOL_HELP.format("0" if rtol is None else f"{rtol:g}")
     parser.add_argument("--rtol", type=float, default=rtol, metavar="FRACTION", help=help_)
+
+
+def _add_max_seconds(parser: Any) -> None:
+    seconds = "time in seconds after which the search ends with the bounds reached (default: none)"
+    parser.add_argument("--max-seconds", type=float, metavar="S", help=seconds)
 
 
 def _add_out(parser: Any, content: str, suffixes: str, required: bool = False) -> None:

@@ -75,6 +75,25 @@ class InMeters(np.ndarray):
     unit = "m"
 
 
+class Frame:
+    """A table with names of columns, as those of pandas and polars."""
+
+    def __array__(self, dtype=None, copy=None):
+        return np.eye(2)
+
+    def to_numpy(self):
+        return np.eye(2)
+
+
+class Tensor(Frame):
+    """A tensor with a gradient, as those of PyTorch."""
+
+    to_numpy = property()  # pyright: ignore[reportAssignmentType]
+
+    def detach(self):
+        return self
+
+
 HIDDEN = np.ma.masked_array([[0, 0], [1, 1e20]], mask=np.array([[0, 0], [0, 1]], bool))
 
 
@@ -84,11 +103,13 @@ HIDDEN = np.ma.masked_array([[0, 0], [1, 1e20]], mask=np.array([[0, 0], [0, 1]],
         (HIDDEN, "x has a mask with 1 hidden entries; remove them first (np.ma.compress_rows)."),
         ([HIDDEN[0], HIDDEN[1]], "x has a mask with 1 hidden entries; remove them first (np.ma.compress_rows)."),
         (np.ones(2).view(InMeters), "x has the unit m, which is not read; pass the numbers without the unit."),
+        (Frame(), "x is a tests.Frame, not an array; pass its to_numpy()."),
+        ([Tensor(), Tensor()], "x is a tests.Tensor, not an array; pass its detach().cpu().numpy()."),
     ],
-    ids=["mask", "mask of a row", "unit"],
+    ids=["mask", "mask of a row", "unit", "frame", "row of a tensor"],
 )
-def test_masks_and_units_are_not_dropped_without_a_word(value, message):
-    with pytest.raises(ValueError) as caught:
+def test_masks_units_names_and_gradients_are_not_dropped_without_a_word(value, message):
+    with pytest.raises(ValueError if "unit" in message else TypeError) as caught:
         real_array("x", value)
     assert str(caught.value) == message
     assert real_array("x", np.ma.masked_array([1, 2])).tolist() == [1, 2]

@@ -262,10 +262,10 @@ def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(statistic)
 
 @pytest.mark.slow
 def test_a_fit_that_runs_out_of_time_hands_back_the_best_so_far(monkeypatch):
-    monkeypatch.setattr("jhd._fitting.clock.time.monotonic", iter(range(10**6)).__next__)
+    monkeypatch.setattr("jhd._runtime.clock.time.monotonic", iter(range(10**6)).__next__)
     target, start = jhd.circle([3, 1], 2.0), np.array([2.5, 1.3, 1.5])
     fit = jhd.minimize_hausdorff(about, start, target, max_seconds=2.5)
-    assert name_of(fit.result) == "fit_out_of_time"
+    assert name_of(fit.result) == "out_of_time"
     assert float(fit.error.value) <= float(jhd.hausdorff(about(start), target).value) * (1 + 1e-12)
     with pytest.raises(ValueError, match="max_seconds is 0"):
         jhd.minimize_hausdorff(about, start, target, max_seconds=0)

@@ -526,7 +526,7 @@ def test_a_fit_hears_its_limits_and_names_its_results(run, monkeypatch):
     def fitted(target, tolerance, **options):
         seen.update(options, tolerance=tolerance)
         curve = jhd.polyline([(0, 0), (4, 0)])
-        return [SimpleNamespace(shape=curve, result=jhd.RESULTS.fit_out_of_time)]
+        return [SimpleNamespace(shape=curve, result=jhd.RESULTS.out_of_time)]
 
     monkeypatch.setattr(jhd, "fit_outline", fitted)
     asked = "--tolerance", "25%", "--max-seconds", "1.5", "--smooth", "-o", "fit.json", "--json"
@@ -535,7 +535,7 @@ def test_a_fit_hears_its_limits_and_names_its_results(run, monkeypatch):
     known = {"tolerance": 1.0, "degree": 3, "smooth": True, "max_seconds": 1.5}
     context = json.loads(out)["context"]
     assert status == 0 and seen == known == {name: context[name] for name in known}
-    assert context["within"] and context["results"] == ["fit_out_of_time"]
+    assert context["within"] and context["results"] == ["out_of_time"]
     assert jhd.io.load_curve("fit.json").segments().count == 1
 
 

@@ -221,19 +221,26 @@ def test_a_format_of_numbers_is_that_of_both_bounds_rounded_outward():
     assert f"{solution}" == repr(solution)
     with pytest.raises(TypeError, match="one number"):
         f"{jax.tree_util.tree_map(lambda x: x[None], solution):.3f}"
+    line = jhd.polyline([(0, 0), (1, 0)])
+    found = [jhd.deviation(jhd.polyline([(0, 1), (1, 1)]), line), jhd.project((0, 1), line)]
+    for one in (*found, jhd.hausdorff_at_most(line, line, 1)):
+        assert f"{one:.1f}" in ("[0.9, 1.1]", "[1.0, 1.0]", "[0.0, 0.1]", "[0.0, 0.0]")
 
 
 def test_a_dictionary_holds_what_json_holds_for_every_kind_of_solution():
     line = jhd.polyline([(0, 0), (1, 0)])
     kinds = [a_solution(), jhd.project([(0, 1)], line), jhd.hausdorff_at_most(line, line, 1)]
+    kinds += [jhd.pairwise([line]), jhd.nearest_shapes([line], [line]), jhd.pairs_within([line, line], threshold=1)]
     for solution in kinds:
         assert json.loads(solution.to_json()) == solution.to_dict() and solution.to_dict()["result"]
+        assert np.all(solution.ok) and solution._repr_html_()
 
 
 @pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.gt, operator.ge])
 def test_an_order_of_distances_is_refused_with_what_decides(compare):
     for other in (1, 2.0, a_solution()):
-        for bounded in (a_solution(), jhd.Bounds(0, 2)):
+        nearest = jhd.project((0, 1), jhd.polyline([(0, 0), (1, 0)]))
+        for bounded in (a_solution(), jhd.Bounds(0, 2), nearest):
             with pytest.raises(TypeError, match="is not a number: .* hausdorff_at_most"):
                 compare(bounded, other)
 

@@ -72,9 +72,9 @@ def hausdorff(options: Namespace) -> int:
     check_writable(options.out, ".json")
     if options.threshold is not None:
         return _distance_at_most(options, a, b, method)
-    entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
+    entry, limit = jhd.directed_hausdorff if options.directed else jhd.hausdorff, {"max_seconds": options.max_seconds}
     with busy("computing; a first run compiles") as show:
-        solution, seconds = timed(lambda: entry(a, b, method, throw=False, progress=show))
+        solution, seconds = timed(lambda: entry(a, b, method, throw=False, **limit, progress=show))
     stopped, written = interrupted(solution), False
     if not stopped:
         if options.plot:
@@ -121,7 +121,8 @@ def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
         name = next(name for name, value in given.items() if value)
         raise ValueError(f"{name}: with --threshold the search ends before the farthest point is known; leave it out.")
     limit = _limit(options, a, b)
-    decide = partial(jhd.hausdorff_at_most, a, b, limit, method, directed=options.directed)
+    chosen = {"directed": options.directed, "max_seconds": options.max_seconds}
+    decide = partial(jhd.hausdorff_at_most, a, b, limit, method, **chosen)
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: decide(progress=show))
     asked = {"directed": options.directed, "method": method_name(method)}
@@ -160,16 +161,17 @@ def minimum(options: Namespace) -> int:
         check_picture_file(options.plot)
     check_writable(options.certificate)
     check_writable(options.out, ".json")
+    chosen: dict[str, Any] = {"method": method, "max_seconds": options.max_seconds}
     if options.threshold is not None:
         if options.certificate or options.plot:
             name = "--certificate" if options.certificate else "--plot"
             raise ValueError(f"{name}: with --threshold the nearest points are not known; leave it out.")
         limit = _limit(options, a, b)
         with busy("computing; a first run compiles") as show:
-            decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, method, progress=show))
+            decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, **chosen, progress=show))
         return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
     with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: jhd.minimum_distance(a, b, method=method, throw=False, progress=show))
+        found, seconds = timed(lambda: jhd.minimum_distance(a, b, throw=False, **chosen, progress=show))
     stopped = interrupted(found)
     if options.plot and not stopped:
         with busy("drawing"):
@@ -197,6 +199,7 @@ def deviation(options: Namespace) -> int:
     threshold = None if options.threshold is None else _limit(options, a, b)
     q = options.quantile
     asked = {"rtol": options.rtol, "atol": tolerances["atol"], "quantile": q, "throw": False}
+    asked["max_seconds"] = options.max_seconds
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: jhd.deviation(a, b, **asked, progress=show))
     within = None if threshold is None else found.fraction_within(threshold)

@@ -291,7 +291,7 @@ def _block(one: Callable[..., Any], option: Any, queries: Array, curve: BezierSe
 
 
 def _nearest_to(method: AbstractProjectionMethod, curve: BezierSegments, _: Any, query: Array) -> _ProjectedRow:
-    return _projection(curve, query, *method.one(query, curve, repeated(curve.control_points, curve.weights)))
+    return _projection(curve, query, *method._one(query, curve, repeated(curve.control_points, curve.weights)))
 
 
 def _projection(curve: BezierSegments, point: Array, found: NearestOnCurve, result: Any) -> _ProjectedRow:

@@ -15,7 +15,7 @@ from jhd._distance.deviation_solution import Bounds, Deviation, DistanceSamples,
 from jhd._distance.hausdorff import directed_hausdorff
 from jhd._distance.nearest.target import curve_in_space
 from jhd._distance.normalization.coordinates import Frame, user_length
-from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._distance.search.branch_and_bound import BranchAndBound, limited
 from jhd._distance.search.dispatch import Together, diagonal_of, dtype_of, heights_of, target_in, together
 from jhd._distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
 from jhd._distance.search.points import is_points
@@ -69,6 +69,7 @@ def deviation(
     weights: Numbers | None = None,
     max_cells: int = 1 << 17,
     throw: bool = True,
+    max_seconds: float | None = None,
     progress: Callback | None = None,
 ) -> Deviation:
     """Distribution of the distance to `b` over `a`: maximum, mean, RMS and quantiles, each with certified bounds.
@@ -112,6 +113,7 @@ def deviation(
             the maximum.
         max_cells: largest number of cells, at least 16.
         throw: whether to raise NotProvenError if the tolerance is not reached; by default True.
+        max_seconds: wall time in seconds after which the searches end with the bounds reached; by default no limit.
         progress: a function that is called with a Progress from time to time, first for the maximum, then for the mean.
 
     Returns:
@@ -130,6 +132,7 @@ def deviation(
     tolerance, counts = BranchAndBound(atol=absolute, rtol=relative), checked_weights(a, weights)
     if quantile is not None:
         check_share("quantile", quantile)
+    progress = limited(tolerance, progress, max_seconds)
     maximum = directed_hausdorff(a, b, tolerance, throw=False, progress=progress)
     asked = _Asked(absolute, relative, quantile, max_cells)
     found, pair, measure = _distributed(a, b, asked, counts, maximum, progress)
@@ -226,7 +229,8 @@ def _distributed(
     search = DistributionSearch(source, target, dtype, *limits, heights_of(a, b, pair, target))
     listener = Listener(progress, frame, "mean")
     # Who interrupted the search for the maximum waits for no other.
-    listener.interrupted = name_of(maximum.result) == "interrupted"
+    listener.late = name_of(maximum.result) == "out_of_time"
+    listener.interrupted = listener.late or name_of(maximum.result) == "interrupted"
     found = drive(search, listener)
     if source.dimension and not _is_extended(source, found.cells):
         raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}, so averages are undefined.")

@@ -5,7 +5,7 @@ import math
 from jhd._distance.decisions import checked_limit, decided, of_copies
 from jhd._distance.normalization.method import AbstractHausdorffMethod, check_serves
 from jhd._distance.pairs import pair_of
-from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, sized_by_method
+from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, limited, sized_by_method
 from jhd._results.solution import (
     Decision,
     HausdorffSolution,
@@ -27,6 +27,7 @@ def directed_hausdorff(
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
     throw: bool = True,
+    max_seconds: float | None = None,
     progress: Callback | None = None,
 ) -> HausdorffSolution:
     """Directed Hausdorff distance from `a` to `b`, with certified bounds.
@@ -60,9 +61,11 @@ def directed_hausdorff(
             curves, and BiarcTrimming() and AlgebraicEvents() serve polynomial curves in the plane, outside jit.
         rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
-            units in the last place) of the diagonal of the joint bounding box. With another method than the default,
-            give its options to the method instead.
+            units in the last place) of the diagonal of the joint bounding box. A published
+            method has options of its own.
         throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
+        max_seconds: wall time in seconds after which the search ends with the bounds reached (RESULTS.out_of_time); by
+            default no limit. It does not end a compilation, and is ignored under jit.
         progress: a function that is called with a Progress from time to time; ignored under jit. Ctrl-C ends the search
             with the bounds reached and RESULTS.interrupted.
 
@@ -71,11 +74,12 @@ def directed_hausdorff(
 
     Raises:
         TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
-            together with a method.
+            twice, or together with a published method.
         ValueError: the dimensions differ, or a surface is certified to be empty in its box.
         NotProvenError: the method failed or was interrupted, and `throw` is True. The exception carries the solution.
     """
-    pair = pair_of(a, b, chosen_method(method, rtol, atol), progress)
+    method = chosen_method(method, rtol, atol)
+    pair = pair_of(a, b, method, limited(method, progress, max_seconds))
     return _finish(pair.finished(pair.measured()), throw)
 
 
@@ -88,6 +92,7 @@ def hausdorff(
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
     throw: bool = True,
+    max_seconds: float | None = None,
     progress: Callback | None = None,
 ) -> HausdorffSolution:
     """Hausdorff distance of `a` and `b` (the larger of both directed distances), with certified bounds.
@@ -111,9 +116,10 @@ def hausdorff(
             curves, and BiarcTrimming() and AlgebraicEvents() serve polynomial curves in the plane, outside jit.
         rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
-            units in the last place) of the diagonal of the joint bounding box. With another method than the default,
-            give its options to the method instead.
+            units in the last place) of the diagonal of the joint bounding box. A published
+            method has options of its own.
         throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
+        max_seconds: wall time in seconds after which the search ends with the bounds reached; see `directed_hausdorff`.
         progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
 
     Returns:
@@ -121,11 +127,12 @@ def hausdorff(
 
     Raises:
         TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
-            together with a method.
+            twice, or together with a published method.
         ValueError: the dimensions differ, or a surface is certified to be empty in its box.
         NotProvenError: the method failed or was interrupted, and `throw` is True. The exception carries the solution.
     """
-    pair = pair_of(a, b, chosen_method(method, rtol, atol), progress)
+    method = chosen_method(method, rtol, atol)
+    pair = pair_of(a, b, method, limited(method, progress, max_seconds))
     there, back = pair.both()
     return _finish(pair.larger(pair.reported(there), pair.reported(back)), throw)
 
@@ -140,6 +147,7 @@ def hausdorff_at_most(
     directed: bool = False,
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
+    max_seconds: float | None = None,
     progress: Callback | None = None,
 ) -> Decision:
     """Whether the Hausdorff distance is at most a threshold: certified yes, certified no, or undecided.
@@ -160,21 +168,21 @@ def hausdorff_at_most(
         directed: whether to test the directed distance from `a` to `b` only; by default False.
         rtol: relative tolerance at which the search gives up; see `hausdorff`.
         atol: absolute tolerance at which the search gives up; see `hausdorff`.
+        max_seconds: wall time in seconds after which the search ends with the bounds reached; see `directed_hausdorff`.
         progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
 
     Returns:
         A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with a
-            method.
+        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given twice.
         ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
             or not one number.
     """
     method = chosen_method(method, rtol, atol)
     # It proves both bounds, and ends where they say enough.
     check_serves(method, a, b, (BranchAndBound,))
-    pair, limit = pair_of(a, b, method, progress), checked_limit(threshold)
+    pair, limit = pair_of(a, b, method, limited(method, progress, max_seconds)), checked_limit(threshold)
     # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.
     level, ceiling = pair.length(limit, 0.0), pair.length(limit, math.inf)
     if directed:

@@ -13,7 +13,7 @@ from jhd._distance.normalization.nets import net_of
 from jhd._distance.normalization.stopping import default_tolerance
 from jhd._distance.project import project
 from jhd._distance.published.voxel_pairs import VoxelPairs
-from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, sized_by_method
+from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, limited, sized_by_method
 from jhd._distance.search.closest_triangles import as_mesh, of_meshes
 from jhd._distance.search.dispatch import diagonal_of
 from jhd._distance.search.implicit_minimum import with_surface
@@ -44,6 +44,7 @@ def minimum_distance(
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
     throw: bool = True,
+    max_seconds: float | None = None,
     progress: Callback | None = None,
 ) -> MinimumSolution:
     """Minimum distance of two shapes, min |p - q| over p in a and q in b, with certified bounds.
@@ -87,8 +88,10 @@ def minimum_distance(
             one exact pair. `queue_size` is the initial size of the queue of pairs.
         rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; the default is described at
-            BranchAndBound. A tolerance cannot be combined with `method`.
+            BranchAndBound.
         throw: whether to raise NotProvenError if the bounds do not close; by default True.
+        max_seconds: wall time in seconds after which the search ends with the bounds reached (RESULTS.out_of_time); by
+            default no limit. It does not end a compilation, and is ignored under jit.
         progress: a function that is called with a Progress from time to time; ignored under jit. Ctrl-C ends the search
             with the bounds reached and RESULTS.interrupted.
 
@@ -97,7 +100,7 @@ def minimum_distance(
 
     Raises:
         TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
-            together with a method.
+            twice, or together with a published method.
         ValueError: the dimensions differ, a surface is certified to be empty in its box, or a tolerance is negative.
         NotProvenError: the bounds did not close, and `throw` is True. The exception carries the solution.
 
@@ -110,8 +113,11 @@ def minimum_distance(
     method = chosen_method(method, rtol, atol)
     check_serves(method, first, second, (BranchAndBound, VoxelPairs))
     check_same_dim(first.dim, second.dim)
-    known = isinstance(method, VoxelPairs)
-    solution = method.minimum(first, second) if known else _searched(first, second, method, progress)
+    hears = limited(method, progress, max_seconds)
+    if isinstance(method, VoxelPairs):
+        solution = method.minimum(first, second)
+    else:
+        solution = _searched(first, second, method, hears)
     if throw:
         throw_unless_successful(solution)
     return solution
@@ -125,6 +131,7 @@ def minimum_at_most(
     *,
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
+    max_seconds: float | None = None,
     progress: Callback | None = None,
 ) -> Decision:
     """Whether the minimum distance is at most a threshold: certified yes, certified no, or undecided.
@@ -144,20 +151,21 @@ def minimum_at_most(
         method: options of the search, a BranchAndBound. The search gives up (undecided) when its tolerance is reached.
         rtol: relative tolerance at which the search gives up; see `minimum_distance`.
         atol: absolute tolerance at which the search gives up; see `minimum_distance`.
+        max_seconds: wall time in seconds after which the search ends with the bounds reached; see `minimum_distance`.
         progress: a function that is called with a Progress from time to time; see `minimum_distance`.
 
     Returns:
         A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with a
-            method.
+        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given twice.
         ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
             or not one number.
     """
     limit, method = checked_limit(threshold), chosen_method(method, rtol, atol)
     check_serves(method, a, b, (BranchAndBound,))
-    hears = progress if is_traced(limit) else Threshold(float(limit), progress)
+    hears = limited(method, progress, max_seconds)
+    hears = hears if is_traced(limit) else Threshold(float(limit), hears)
     return decided(minimum_distance(a, b, method, throw=False, progress=hears), limit)
 
 

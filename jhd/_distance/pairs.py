@@ -154,7 +154,7 @@ class CurvePair(AbstractPair):
             wanted = wanted_of(method, a, self._frame, aim)
             search = CurveSearch(a, b, wanted, direction, length_of_table(method, a), method.max_steps)
             return drive(search, self._listener, direction)
-        run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
+        run = method._directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
         solution = in_direction(run(a, b, self._frame, aim), direction)
         self._listener.report(direction, Standing(solution, False, False, 0, 0))
         return solution
@@ -246,13 +246,13 @@ class CubePair(AbstractPair):
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         super().__init__()
         self._method = method
-        self._first, self._second, self._scale = method.cells_of(a, b, progress)
+        self._first, self._second, self._scale = method._cells(a, b, progress)
 
     @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """All of it is measured."""
         cells = (self._second, self._first) if turned else (self._first, self._second)
-        return self._method.measured(*cells, self._scale, _direction(turned))
+        return self._method._measured(*cells, self._scale, _direction(turned))
 
     @override
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
@@ -282,12 +282,12 @@ def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
 def _in_one_go(
     method: AbstractCurveMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
 ) -> HausdorffSolution:
-    return method.directed(a, b, frame, aim)
+    return method._directed(a, b, frame, aim)
 
 
 def _curve(common: Any, pair: Any, aim: Aim) -> tuple[HausdorffSolution, WitnessState]:
     method, frame = common
-    found = method.directed(*pair, frame, aim)
+    found = method._directed(*pair, frame, aim)
     return found, state_of(found.witness, *pair)
 
 
@@ -297,7 +297,7 @@ def _curves(common: Any, given: Any, aim: Aim, rising: Array) -> tuple[Hausdorff
 
 def _surface(common: Any, pair: Any, aim: Aim) -> tuple[HausdorffSolution, tuple]:
     method, frame = common
-    return method.directed_surfaces(pair, frame, aim, _direction(False)), ()
+    return method._directed_surfaces(pair, frame, aim, _direction(False)), ()
 
 
 def _surfaces(common: Any, given: Any, aim: Aim, rising: Array) -> tuple[HausdorffSolution, tuple]:

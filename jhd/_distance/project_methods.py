@@ -98,7 +98,7 @@ class AbstractProjectionMethod(eqx.Module):
     """A method for nearest points of curves; its fields are options."""
 
     @abstractmethod
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
+    def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
         """The nearest point to one query, in scaled coordinates.
 
         Args:
@@ -117,7 +117,7 @@ class BestFirstProjection(AbstractProjectionMethod):
     Use it as `jhd.project(points, curve, jhd.BestFirstProjection())`; it is the default for curves.
     """
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
+    def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
         """The nearest point to one query; called by `jhd.project`."""
         found = nearest(point, curve.control_points, curve.weights, 0.0, skip)
         return found, how_closed(found)
@@ -140,7 +140,7 @@ class ProjectedPolyhedronProjection(AbstractProjectionMethod):
     def __check_init__(self) -> None:
         check_whole("capacity", self.capacity, 1)
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
+    def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
         """The nearest point to one query; called by `jhd.project`."""
         roots = jax.vmap(lambda k: roots_on(point, curve, k, self.capacity))(jnp.arange(curve.count))
         return _nearest_of_roots(point, curve, roots, skip)
@@ -168,7 +168,7 @@ class IntervalHalvingProjection(AbstractProjectionMethod):
         _check_positive("interval", self.interval)
         _check_positive("tolerance", self.tolerance)
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
+    def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
         """The best foot point over all segments, from the nearest control point of each; called by `jhd.project`."""
         return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.tolerance, self.max_steps))
 
@@ -192,7 +192,7 @@ class NewtonProjection(AbstractProjectionMethod):
         check_whole("max_steps", self.max_steps, 1)
         _check_positive("tolerance", self.tolerance)
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
+    def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
         """The best foot point over all segments, from the nearest control point of each; called by `jhd.project`."""
         return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.tolerance, self.max_steps))
 
@@ -221,7 +221,7 @@ class HybridProjection(AbstractProjectionMethod):
         for name in ("interval", "rough", "tolerance"):
             _check_positive(name, getattr(self, name))
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
+    def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
         """The best foot point over all segments, from the nearest control point of each; called by `jhd.project`."""
 
         def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:

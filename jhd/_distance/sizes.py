@@ -24,7 +24,12 @@ _SHARE = 1e-12
 
 
 def arc_length(
-    curve: ShapeLike, *, rtol: Numbers = 1e-6, atol: Numbers | None = None, max_cells: int = 1 << 18
+    curve: ShapeLike,
+    *,
+    rtol: Numbers = 1e-6,
+    atol: Numbers | None = None,
+    max_cells: int = 1 << 18,
+    throw: bool = True,
 ) -> Bounds:
     """The length of a curve with certified bounds; parts that are traversed twice count twice.
 
@@ -40,6 +45,7 @@ def arc_length(
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-12 of the diagonal of
             the bounding box. The larger tolerance counts.
         max_cells: largest number of cells.
+        throw: whether to raise NotProvenError if the bounds do not close; by default True.
 
     Returns:
         Bounds of the length, in the unit of the coordinates.
@@ -47,16 +53,21 @@ def arc_length(
     Raises:
         TypeError: another shape than a curve, or a traced one.
         ValueError: a tolerance that is negative or not one number, or `max_cells` below 16.
-        NotProvenError: `max_cells` were not enough. The exception carries the bounds reached.
+        NotProvenError: `max_cells` were not enough, and `throw` is True. The exception carries the bounds reached.
     """
     curve = taken_as("curve", curve)
     if not isinstance(curve, AbstractCurve) or is_points(curve):
         raise TypeError(f"curve is a {type(curve).__name__}; needs a curve with a length.")
-    return _closed(curve, rtol, atol, max_cells)
+    return _closed(curve, rtol, atol, max_cells, throw)
 
 
 def surface_area(
-    surface: ShapeLike, *, rtol: Numbers = 1e-4, atol: Numbers | None = None, max_cells: int = 1 << 18
+    surface: ShapeLike,
+    *,
+    rtol: Numbers = 1e-4,
+    atol: Numbers | None = None,
+    max_cells: int = 1 << 18,
+    throw: bool = True,
 ) -> Bounds:
     """The area of a parametric surface or a mesh with certified bounds; parts that lie on each other count twice.
 
@@ -73,6 +84,7 @@ def surface_area(
         atol: absolute tolerance on `upper - lower`, in the square of the unit of the coordinates; by default 1e-12 of
             the squared diagonal of the bounding box. The larger tolerance counts.
         max_cells: largest number of cells.
+        throw: whether to raise NotProvenError if the bounds do not close; by default True.
 
     Returns:
         Bounds of the area, in the square of the unit of the coordinates.
@@ -80,17 +92,17 @@ def surface_area(
     Raises:
         TypeError: another shape than a mesh or a parametric surface, or a traced one.
         ValueError: a tolerance that is negative or not one number, or `max_cells` below 16.
-        NotProvenError: `max_cells` were not enough. The exception carries the bounds reached.
+        NotProvenError: `max_cells` were not enough, and `throw` is True. The exception carries the bounds reached.
     """
     surface = taken_as("surface", surface)
     if not isinstance(surface, TriangleMesh | AbstractPatch):
         raise TypeError(f"surface is a {type(surface).__name__}; needs a mesh or a parametric surface.")
     if isinstance(surface, AbstractPatch) and min(surface.patches().degrees) == 0:
         return Bounds(0.0, 0.0)
-    return _closed(surface, rtol, atol, max_cells)
+    return _closed(surface, rtol, atol, max_cells, throw)
 
 
-def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int) -> Bounds:
+def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bounds:
     """Cells are cut until the sum of their measures is known to a tolerance."""
     if is_traced(shape):
         raise TypeError("the shape is traced; its cells depend on its numbers, so these must be known.")
@@ -118,6 +130,8 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int) -> Bounds:
         order = np.argsort(-gap)
         wide = order[: 1 + int(np.searchsorted(np.cumsum(gap[order]), (1 - _LEFT) * np.sum(gap)))]
         if len(gap) + 3 * len(wide) > max_cells:
+            if not throw:
+                return found
             text = interval_text(found.lower, found.upper, ".6g")
             raise NotProvenError(f"{max_cells} cells prove {text} only. Raise a tolerance or max_cells.", found)
         parts, _ = source.cut(cells.take(wide), flat.take(wide))

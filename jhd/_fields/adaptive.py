@@ -442,7 +442,7 @@ def _surface(name: str, mesh: Any, sign: str = "winding", method: HasSearch | No
     if is_traced(mesh):
         raise TypeError(f"{name} is traced; needs known numbers, as the cells depend on them.")
     unit, power = in_unit(mesh)
-    return surface_of(unit, sign, None if method is None else method.search), power
+    return surface_of(unit, sign, None if method is None else method._search), power
 
 
 def _scaled(x: Any, power: int) -> Any:

@@ -39,7 +39,7 @@ _LIFTS = 5
 class HasSearch(Protocol):
     """How nearest points of a mesh are found, as by jhd.published.VertexVoxels."""
 
-    search: Search
+    _search: Search
 
 
 class Samples(NamedTuple):

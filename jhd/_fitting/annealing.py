@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from jhd._distance.statistics.statistics import AbstractStatistic, MaxDistance
-from jhd._fitting.clock import Clock
 from jhd._fitting.descent import descend
 from jhd._fitting.soft import soft_hausdorff
 from jhd._runtime.arrays import check_scalar, real_array
+from jhd._runtime.clock import Clock
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import check_curve
 

@@ -17,9 +17,9 @@ import numpy as np
 from jhd._distance.hausdorff import directed_hausdorff
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._fields.octree import voxelize
-from jhd._fitting.clock import Clock, OutOfTimeError
 from jhd._fitting.subproblem import model_step, multipliers
 from jhd._results.solution import RESULTS, HausdorffSolution
+from jhd._runtime.clock import Clock, OutOfTimeError
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 
@@ -140,7 +140,7 @@ def minimize_by_cuts(
     if point.value <= stop_below or optimality <= STATIONARY * max(np.linalg.norm(x.gradient) for x in point.cuts):
         result = RESULTS.successful
     elif late:
-        result = RESULTS.fit_out_of_time
+        result = RESULTS.out_of_time
     elif radius < np.inf:
         result = RESULTS.fit_nonsmooth_stall
     counts = {"steps": int(np.sum(np.diff(history) < 0)), "evaluations": steps + 1}

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd._fitting.clock import Clock, OutOfTimeError
 from jhd._results.solution import RESULTS
+from jhd._runtime.clock import Clock, OutOfTimeError
 
 # A step gains this share of what the slope promises, and leaves at most this share of the slope.
 _GAIN, _SLOPE = 1e-4, 0.9
@@ -101,7 +101,7 @@ def descend(
             history.append(point.value)
             report(counts["steps"], point.value, float(np.linalg.norm(point.gradient)))
     except OutOfTimeError:
-        result = RESULTS.fit_out_of_time
+        result = RESULTS.out_of_time
     return Descended(point, result, counts, history)
 
 

@@ -21,12 +21,12 @@ from jhd._distance.search.dispatch import diagonal_of
 from jhd._distance.statistics.statistics import AbstractStatistic
 from jhd._fitting.annealing import annealing
 from jhd._fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of
-from jhd._fitting.clock import Clock
 from jhd._fitting.sampled import lengths_of
 from jhd._fitting.ways import Limits, scales_of, way_of
 from jhd._results.solution import RESULTS, Built, FitSolution, Parameters, name_of, with_result
 from jhd._runtime.argument_hints import refuse_tracing, traceable
 from jhd._runtime.arrays import check_scalar, real_array, whole
+from jhd._runtime.clock import Clock
 from jhd._shapes.as_shape import Shape, ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
@@ -98,7 +98,7 @@ def minimize_hausdorff(
             starts themselves, stacked along a new leading axis. The best fit is returned.
         seed: seed of the random starts.
         max_steps: largest number of steps from each start.
-        max_seconds: wall time in seconds after which the best fit so far is returned, with the result fit_out_of_time.
+        max_seconds: wall time in seconds after which the best fit so far is returned, with the result out_of_time.
             Running work is canceled, except for the first evaluation. The certification of the error may take a tenth
             of the time longer, and keeps the bounds that it has reached. If less than 10 s are left, fits of curves by
             the Hausdorff distance skip searches that are not compiled yet, and their bounds are wider. Other fits wait
@@ -292,7 +292,7 @@ def fit_outline(
     more segments, follow until a fit meets it. A smaller number of segments is not ruled out.
 
     If a contour exceeds the tolerance even with `max_segments`, its `result` is `fit_tolerance_missed`, or
-    `fit_out_of_time` if the time was over. The end points of open contours are kept. A closed contour starts at a
+    `out_of_time` if the time was over. The end points of open contours are kept. A closed contour starts at a
     corner if it has one.
 
     >>> import jhd
@@ -370,8 +370,8 @@ def _within(
             break
     if float(fit.error.upper) <= limit or name_of(fit.result) != "successful":
         return fit
-    late = clock.is_over() or name_of(fit.error.result) == "interrupted"
-    return with_result(fit, RESULTS.fit_out_of_time if late else RESULTS.fit_tolerance_missed)
+    late = clock.is_over() or name_of(fit.error.result) == "out_of_time"
+    return with_result(fit, RESULTS.out_of_time if late else RESULTS.fit_tolerance_missed)
 
 
 def _reach(contour: BezierSegments, limit: float) -> float:

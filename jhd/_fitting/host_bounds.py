@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jhd._arithmetic.rounding import unit_roundoff
-from jhd._fitting.clock import Clock
 from jhd._fitting.sampled import SampledCurve, lengths_of
+from jhd._runtime.clock import Clock
 from jhd._shapes.curve import BezierSegments
 
 # Pieces at which a curve is no longer halved, and most halvings of one: parameters need the digits.

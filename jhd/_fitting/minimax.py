@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd._fitting.clock import OutOfTimeError
 from jhd._fitting.expansion import FloatArray, roots
 from jhd._fitting.problem import Point, Problem
 from jhd._fitting.subproblem import model_step, multipliers
 from jhd._results.solution import RESULTS
+from jhd._runtime.clock import OutOfTimeError
 
 # Pairs are active within this share of the largest, or what rounding leaves of the size.
 _ACTIVE, _ROUNDING = 1e-8, 4e-16
@@ -95,7 +95,7 @@ def minimize(
         try:
             moved, radius, stride, result = _step(problem, point, scale, radius, stride, last)
         except OutOfTimeError:
-            result = RESULTS.fit_out_of_time
+            result = RESULTS.out_of_time
             break
         if moved is None:
             break

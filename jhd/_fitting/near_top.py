@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd._distance.nearest.feet import dot, stays
-from jhd._fitting.clock import Clock
 from jhd._fitting.sampled import CurvePlaces, SampledCurve, SampledFeet
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 from jhd._runtime.arrays import joined, taken
+from jhd._runtime.clock import Clock
 
 # Samples whose feet tell a first value of the top, and most samples that get feet, the farthest ones.
 _FIRST, _MOST = 32, 1 << 14

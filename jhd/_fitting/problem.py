@@ -17,11 +17,11 @@ import numpy as np
 
 from jhd._distance.critical_pairs import critical_pairs
 from jhd._distance.witness.critical import local_pairs
-from jhd._fitting.clock import Clock, OutOfTimeError
 from jhd._fitting.expansion import Expansion, FloatArray, Moving, expand
 from jhd._fitting.near_top import pairs_near_top
 from jhd._fitting.sampled import SampledCurve, lengths_of
 from jhd._results.solution import CriticalPairs
+from jhd._runtime.clock import Clock, OutOfTimeError
 from jhd._runtime.compiled import asking
 from jhd._shapes.curve import AbstractCurve, BezierSegments
 

@@ -15,13 +15,13 @@ from jhd._distance.hausdorff import hausdorff
 from jhd._distance.normalization.method import AbstractHausdorffMethod
 from jhd._distance.statistics.statistics import AbstractStatistic, MaxDistance, check_statistic
 from jhd._fitting.bundle import Bundled, minimize_by_cuts, motions
-from jhd._fitting.clock import Clock, OutOfTimeError
 from jhd._fitting.descent import Descended, descend
 from jhd._fitting.host_bounds import host_bounds
 from jhd._fitting.minimax import Ended, minimize
 from jhd._fitting.problem import Point, Problem
 from jhd._results.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution, HausdorffSolution
 from jhd._runtime.arrays import array_of
+from jhd._runtime.clock import Clock, OutOfTimeError
 from jhd._runtime.compiled import asking
 from jhd._shapes.curve import AbstractCurve, check_curve
 from jhd._shapes.implicit import ImplicitSurface

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from html import escape
 from types import EllipsisType
-from typing import Any, TypeVar, cast
+from typing import Any, NoReturn, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ from jaxtyping import Array
 from jhd._results.outcomes import RESULTS, names_of
 from jhd._results.plain import to_plain
 from jhd._runtime.arrays import is_traced
-from jhd._runtime.decimals import lower_text, upper_text
+from jhd._runtime.decimals import interval_text, lower_text, upper_text
 
 # What a notebook shows of a solution, as far as it has it.
 _SHOWN = (
@@ -57,7 +57,7 @@ class AbstractResult(eqx.Module):
 
     def _repr_html_(self) -> str:
         """The solution in a notebook: a table of its numbers; for a batch the printed text."""
-        if is_traced(self) or _batch_shape(self):
+        if is_traced(self) or _batch_shape(self) or np.ndim(getattr(self, "lower", 0)):
             return f"<pre>{escape(repr(self))}</pre>"
         known = {name: getattr(self, name, None) for name in _SHOWN}
         rows = {name: _cell(name, value) for name, value in known.items() if value is not None}
@@ -65,16 +65,44 @@ class AbstractResult(eqx.Module):
         picture = getattr(getattr(self, "shape", None), "_repr_svg_", lambda: None)() or ""
         return f"<table><caption>{type(self).__name__}</caption>{cells}</table>{picture}"
 
+    def __format__(self, spec: str) -> str:
+        """The certified bounds in a number format, lower rounded down and upper rounded up; without a format the text.
 
-class AbstractSolution(AbstractResult):
-    """Result of an entry point, single or a batch. The batch axes are the axes of `result`."""
+        A Deviation shows its maximum, and a FitSolution its statistic or its error.
+
+        Raises:
+            TypeError: the solution has no bounds of one number, or it is traced.
+        """
+        if not spec:
+            return str(self)
+        bounded = _bounded(self)
+        lower, upper = (getattr(bounded, name, np.empty(2)) for name in _ENDS)
+        if is_traced(lower, upper) or np.ndim(lower) or np.ndim(upper):
+            raise TypeError(f"a number format needs one number; this {type(self).__name__} is traced or holds several.")
+        return interval_text(lower, upper, spec)
+
+    def _compared(self, other: object) -> NoReturn:
+        # Bounds may overlap, so there is no order.
+        numbers = [name for name in _SHOWN[:8] if getattr(self, name, None) is not None]
+        ask = f"compare its {' or '.join(numbers)}; for distances use hausdorff_at_most or minimum_at_most"
+        raise TypeError(f"a {type(self).__name__} is not a number: {ask}.")
+
+    __lt__ = __le__ = __gt__ = __ge__ = _compared
+
+
+class AbstractOutcome(AbstractResult):
+    """What an entry point computes, with a code `result` that tells how it ended, or an array of codes."""
 
     # The field `result` is left to each class: checkers of types would take it for the first argument of all.
 
     @property
     def ok(self) -> Array:
-        """Whether all requested bounds and conditions hold; a boolean array if the solution is a batch."""
+        """Whether all requested bounds and conditions hold; a boolean array if there are several results."""
         return _result(self) == RESULTS.successful
+
+
+class AbstractSolution(AbstractOutcome):
+    """Result of an entry point, single or a batch. The batch axes are the axes of `result`."""
 
     def __getitem__(self: Batch, index: Index | tuple[Index, ...]) -> Batch:
         """Entries of a batch, by an index along its axes, as in NumPy.
@@ -95,6 +123,12 @@ class AbstractSolution(AbstractResult):
             return jax.tree_util.tree_map(lambda x: x[entry], self)
         # On the host, where nothing is compiled.
         return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[entry], self))
+
+
+def _bounded(solution: Any) -> Any:
+    """The part of a solution whose bounds a number format shows."""
+    found = [x for name in ("maximum", "statistic", "error") if (x := getattr(solution, name, None)) is not None]
+    return found[0] if found else solution
 
 
 def _result(solution: Any) -> Any:

@@ -1,15 +1,13 @@
 """Numbers with certified bounds: lower <= exact <= upper."""
 
-from typing import NoReturn, SupportsFloat
+from typing import SupportsFloat
 
 import equinox as eqx
-import numpy as np
 from jaxtyping import Array
 
 from jhd._results.batches import AbstractResult
 from jhd._results.display import fields_shown
 from jhd._runtime.arrays import is_traced
-from jhd._runtime.decimals import interval_text
 
 
 class AbstractBounds(AbstractResult):
@@ -23,21 +21,6 @@ class AbstractBounds(AbstractResult):
         if is_traced(self.value):
             raise TypeError("the number is traced and not known yet: use its `value` instead.")
         return float(self.value)
-
-    def __format__(self, spec: str) -> str:
-        """Both bounds in a number format, lower rounded down and upper rounded up; without a format the repr."""
-        if not spec:
-            return str(self)
-        if is_traced(self.value) or np.ndim(self.value):
-            raise TypeError("a number format needs one number; this one is traced, or a batch to index.")
-        return interval_text(self.lower, self.upper, spec)
-
-    def _compared(self, other: object) -> NoReturn:
-        # Bounds may overlap, so there is no order.
-        ask = "compare its value, lower or upper; for distances use hausdorff_at_most or minimum_at_most"
-        raise TypeError(f"a {type(self).__name__} is not a number: {ask}.")
-
-    __lt__ = __le__ = __gt__ = __ge__ = _compared
 
 
 class Bounds(AbstractBounds):

@@ -25,7 +25,7 @@ def to_plain(value: Any) -> Any:
         return {name: to_plain(item) for name, item in value.items()}
     if isinstance(value, jax.Array | np.ndarray):
         return to_plain(np.asarray(value).tolist())
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return [to_plain(item) for item in value]
     if isinstance(value, float) and not np.isfinite(value):
         return None

@@ -16,6 +16,9 @@ from jhd._runtime.jax_internals import is_batch, is_trace_clean, varying_axes
 Rows = TypeVar("Rows", bound=tuple)
 Values = TypeVar("Values")
 
+# How frames and tensors of other packages become arrays: their methods, and the calls.
+_CONVERSIONS = {"to_numpy": "to_numpy()", "detach": "detach().cpu().numpy()", "numpy": "numpy()"}
+
 
 def is_traced(*values: object) -> bool:
     """Whether any leaf is a tracer, so that its values are not known yet."""
@@ -95,15 +98,17 @@ def varying(values: Any, *sources: object) -> Any:
 
 
 def bare_array(name: str, value: Any) -> np.ndarray:
-    """`np.asarray`, which would drop a mask or a unit without a word.
+    """`np.asarray`, which would drop a mask, a unit, the names of columns or a gradient without a word.
 
     Raises:
-        ValueError: an array with masked entries, or rows of which one has some; an array with a unit; ragged nesting.
+        TypeError: a table or tensor of another package, or an array with masked entries, or rows of which one is such.
+        ValueError: an array with a unit; ragged nesting.
     """
     for rows in value if isinstance(value, list | tuple) else (value,):
+        _check_foreign(name, rows)
         if isinstance(rows, np.ma.MaskedArray) and np.ma.is_masked(rows):
             count = int(np.ma.count_masked(rows))
-            raise ValueError(f"{name} has a mask with {count} hidden entries; remove them first (np.ma.compress_rows).")
+            raise TypeError(f"{name} has a mask with {count} hidden entries; remove them first (np.ma.compress_rows).")
         unit = getattr(rows, "unit", getattr(rows, "units", None)) if isinstance(rows, np.ndarray) else None
         if unit is not None:
             raise ValueError(f"{name} has the unit {unit}, which is not read; pass the numbers without the unit.")
@@ -111,6 +116,16 @@ def bare_array(name: str, value: Any) -> np.ndarray:
         return np.asarray(value)
     except ValueError as error:
         raise ValueError(f"{name} must be a rectangular array of numbers; its rows differ in length.") from error
+
+
+def _check_foreign(name: str, value: Any) -> None:
+    """Raises TypeError, with the conversion to call, for a table or tensor whose columns have names or a gradient."""
+    if isinstance(value, np.ndarray | np.generic | jax.Array | list | tuple | float | int):
+        return
+    for method, call in _CONVERSIONS.items():
+        if hasattr(value, method):
+            kind = f"{type(value).__module__.partition('.')[0]}.{type(value).__qualname__}"
+            raise TypeError(f"{name} is a {kind}, not an array; pass its {call}.")
 
 
 def real_array(name: str, value: Any) -> Array:

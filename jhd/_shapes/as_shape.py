@@ -8,11 +8,10 @@ point clouds of these packages.
 from os import PathLike
 from typing import Any, cast
 
-import jax
 import numpy as np
 from typing_extensions import TypeAliasType
 
-from jhd._runtime.arrays import bare_array, is_traced, real_array
+from jhd._runtime.arrays import bare_array, real_array
 from jhd._runtime.forks import check_process
 from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.bspline import BSplineCurve
@@ -117,7 +116,7 @@ def _converted(value: Any) -> Any:
     if _is_pair(value):
         return TriangleMesh(*value)
     if _is_rows(value):
-        return point_set(value if is_traced(value) or isinstance(value, jax.Array) else _array(value))
+        return point_set(value)
     spline = spline_of(value)
     if spline is not None:
         return spline
@@ -146,9 +145,10 @@ def _is_rows(value: Any) -> bool:
 
 
 def _array(value: Any) -> np.ndarray:
-    """An array of another package on the host; tensors of some say so themselves."""
+    """An array of an object of another package, on the host."""
     made = hasattr(value, "numpy") and not hasattr(value, "__array__")
-    return bare_array("the array", value.numpy() if made else value)
+    found = value.numpy() if made else value
+    return bare_array("the array", found if isinstance(found, np.ndarray) else np.asarray(found))
 
 
 def _parts_of(value: Any) -> tuple[Any, Any, Any] | None:

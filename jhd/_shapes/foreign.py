@@ -27,7 +27,7 @@ Trimesh = TypeAliasType("Trimesh", "trimesh.Trimesh")
 
 @runtime_checkable
 class ConvertsToArray(Protocol):
-    """A data frame, a tensor or another object that NumPy converts to an array."""
+    """An object that NumPy converts to an array, for example the coordinates of a line of shapely."""
 
     def __array__(self) -> np.ndarray: ...
 

@@ -41,7 +41,7 @@ class Prepared:
         self.size = sum(np.asarray(leaf).nbytes for leaf in jax.tree_util.tree_leaves(shape))
         self._parts: dict[Callable[[Any], Any], Any] = {}
 
-    def part(self, build: Callable[..., _R]) -> _R:
+    def _part(self, build: Callable[..., _R]) -> _R:
         """The result of a function of the shape, computed once.
 
         Args:

@@ -103,7 +103,7 @@ class ClosestPoints(NamedTuple):
 
 def triangle_tree(mesh: TriangleMesh) -> TriangleTree:
     """The tree of a mesh whose numbers are known."""
-    return prepared(mesh).part(_tree)
+    return prepared(mesh)._part(_tree)
 
 
 def _tree(mesh: TriangleMesh) -> TriangleTree:

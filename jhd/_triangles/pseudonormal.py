@@ -42,7 +42,7 @@ def pseudonormals(mesh: TriangleMesh, sign: str = "pseudonormal") -> Pseudonorma
     Raises:
         ValueError: a mesh that is not closed, or not consistently oriented.
     """
-    return prepared(in_unit(mesh)[0]).part(_weighted if sign == "pseudonormal" else _averages)
+    return prepared(in_unit(mesh)[0])._part(_weighted if sign == "pseudonormal" else _averages)
 
 
 def _weighted(mesh: TriangleMesh) -> Pseudonormals:

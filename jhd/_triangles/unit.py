@@ -26,7 +26,7 @@ def in_unit(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:
 
     Nothing that is worked out about it has squares that underflow or overflow, but for triangles that are tiny in it.
     """
-    held, power = prepared(mesh).part(_in_unit)
+    held, power = prepared(mesh)._part(_in_unit)
     return (mesh if held is None else held.shape), power
 
 

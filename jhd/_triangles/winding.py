@@ -94,7 +94,7 @@ def is_inside(
     mesh, power = in_unit(mesh)
     points, near = scaled_down(points, power)
     inside = np.zeros(len(points), bool)
-    if found is None or not prepared(mesh).part(_is_cycle):
+    if found is None or not prepared(mesh)._part(_is_cycle):
         inside[near] = _decided(mesh, points[near])
         return inside
     off = near[found.lower[near] > 0]
@@ -219,7 +219,7 @@ def winding_numbers(
 def _prepared(mesh: TriangleMesh, points: np.ndarray) -> tuple[TriangleTree, _Moments, np.ndarray]:
     """Tree, sums and points in one unit, for a mesh as `in_unit` gives it."""
     tree, scaled = in_unit_of(triangle_tree(mesh), points)
-    return tree, _shrunk(prepared(mesh).part(_moments), tree.exponent), scaled
+    return tree, _shrunk(prepared(mesh)._part(_moments), tree.exponent), scaled
 
 
 def _moments(mesh: TriangleMesh) -> _Moments:

@@ -203,10 +203,11 @@ DEFECTS = [
         "_distance/search/branch_and_bound.py",
         "distance/test_minimum.py",
         (
-            "if given:\n        written",
-            "if False:\n        written",
+            "    if twice:\n",
+            "    if False:\n",
             "test_a_method_holds_the_options_and_not_both_are_given",
         ),
+        ("if clock.is_over():", "if False:", "test_the_time_limit_ends_a_search_with_the_bounds_reached"),
     ),
     *within(
         "_distance/collections/entries.py",

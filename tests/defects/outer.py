@@ -362,8 +362,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "_fitting/clock.py",
-        "fitting/test_clock.py",
+        "_runtime/clock.py",
+        "test_clock.py",
         ("if self.is_over():", "if False:", "test_an_evaluation_is_given_up_when_the_time_is_over"),
         ("now + (1 + _FOR_PROOF) * limit", "now + limit", "test_the_proof_has_a_tenth_of_the_time_more"),
     ),

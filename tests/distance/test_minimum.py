@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from jhd._distance.hausdorff import hausdorff
+from jhd._distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
 from jhd._distance.minimum import minimum_distance
+from jhd._distance.published.cube_intervals import CubeIntervals
+from jhd._distance.published.two_step import TwoStep
 from jhd._distance.published.voxel_pairs import VoxelPairs
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._results.solution import RESULTS, NotProvenError, name_of
@@ -17,7 +19,7 @@ from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.curve import circle, point_set, polyline
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import BezierPatch
-from tests.distance.test_families import sphere
+from tests.distance.test_families import implicit, sphere
 from tests.sweeps import swept
 
 # A cubic that rises to 0.75 at its middle, where its curvature is 6.
@@ -205,8 +207,25 @@ def test_a_method_holds_the_options_and_not_both_are_given():
         assert (found[0].lower, found[0].upper) == (found[1].lower, found[1].upper)
         with pytest.raises(ValueError, match="rtol is -1"):
             entry(a, b, rtol=-1.0)
-        with pytest.raises(TypeError, match="rtol and atol cannot be combined with a method: write Branch"):
-            entry(a, b, BranchAndBound(), atol=0.5, rtol=0.1)
+        other = entry(a, b, BranchAndBound(rtol=0.1, max_steps=100), atol=0.5)
+        assert (found[0].lower, found[0].upper) == (other.lower, other.upper)
+        with pytest.raises(TypeError, match="^rtol stands in the method and in the call: pass it once"):
+            entry(a, b, BranchAndBound(rtol=0.2), atol=0.5, rtol=0.1)
+    with pytest.raises(TypeError, match="atol cannot be combined with TwoStep: pass its own options"):
+        hausdorff(a, b, TwoStep(), atol=0.5)
+
+
+def test_the_time_limit_ends_a_search_with_the_bounds_reached():
+    a, b = (implicit(f"x**2 + y**2 + z**2 - {r}") for r in (1.0, 2.25))
+    hard = {"method": BranchAndBound(atol=1e-14, max_steps=10**6), "max_seconds": 1e-3, "throw": False}
+    for entry in (minimum_distance, directed_hausdorff):
+        found = entry(a, b, **hard)
+        assert name_of(found.result) == "out_of_time" and found.lower <= 0.5 <= found.upper
+    assert not hausdorff_at_most(a, b, 0.5, hard["method"], max_seconds=1e-3).ok
+    with pytest.raises(TypeError, match="max_seconds cannot be combined with CubeIntervals"):
+        hausdorff(a, b, CubeIntervals(), max_seconds=1)
+    with pytest.raises(ValueError, match="max_seconds is 0; needs a positive number"):
+        minimum_distance(a, b, max_seconds=0)
 
 
 def test_progress_is_reported():

@@ -61,3 +61,5 @@ def test_what_has_no_length_or_area_is_refused_and_an_open_gap_is_an_error():
     with pytest.raises(jhd.NotProvenError, match="64 cells prove .* only") as caught:
         jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_cells=64)
     assert caught.value.solution.lower <= 2 * math.pi <= caught.value.solution.upper
+    known = jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_cells=64, throw=False)
+    assert known.to_dict() == caught.value.solution.to_dict()

@@ -8,7 +8,7 @@ import pytest
 
 import jhd
 from jhd._fitting.annealing import annealing
-from jhd._fitting.clock import Clock
+from jhd._runtime.clock import Clock
 
 ROWS = np.random.default_rng(3).normal(size=(4, 4, 2))
 TARGET = jhd.BezierSegments(ROWS)

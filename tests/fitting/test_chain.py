@@ -6,8 +6,8 @@ import pytest
 
 import jhd
 from jhd._fitting.chain import Layout, divided, least_squares, longest_pieces, turns
-from jhd._fitting.clock import Clock
 from jhd._fitting.host_bounds import host_bounds
+from jhd._runtime.clock import Clock
 
 NOISE = 0.01
 

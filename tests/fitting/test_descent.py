@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 import numpy as np
 
-from jhd._fitting.clock import Clock
 from jhd._fitting.descent import descend
 from jhd._results.solution import name_of
+from jhd._runtime.clock import Clock
 
 START = np.array([0.3, -0.4])
 

@@ -7,10 +7,10 @@ import pytest
 
 import jhd
 from jhd._fitting import problem, ways
-from jhd._fitting.clock import Clock, OutOfTimeError
 from jhd._fitting.host_bounds import host_bounds
 from jhd._results.solution import name_of
 from jhd._runtime import compiled
+from jhd._runtime.clock import Clock, OutOfTimeError
 from tests.sweeps import swept
 
 LINE = [[[0.0, 0], [1, 0]]]

@@ -6,11 +6,11 @@ import pytest
 
 import jhd
 from jhd._fitting.chain import Layout, chain
-from jhd._fitting.clock import Clock
 from jhd._fitting.minimax import minimize
 from jhd._fitting.near_top import pairs_near_top
 from jhd._fitting.problem import Problem
 from jhd._fitting.sampled import SampledCurve
+from jhd._runtime.clock import Clock
 
 # Vertices of a noisy outline and its noise; segments of its fit.
 VERTICES, NOISE, SEGMENTS = 150, 0.01, 8

@@ -36,8 +36,8 @@ def test_every_part_is_made_once():
     made = []
     held = Prepared(mesh())
     for _ in range(3):
-        assert held.part(lambda m, made=made: made.append(m) or m.count) == 4
-        assert held.part(made.append) is None
+        assert held._part(lambda m, made=made: made.append(m) or m.count) == 4
+        assert held._part(made.append) is None
     # Functions made anew are other functions; the method is the same one.
     assert len(made) == 4 and repr(held) == "Prepared(TriangleMesh, 4 parts made)"
 
@@ -80,7 +80,7 @@ def test_what_is_held_does_not_change_with_an_array_that_its_owner_changes():
 def test_threads_may_ask_at_once():
     meshes = [mesh(1 + k / 64) for k in range(64)]
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda k: prepared(meshes[k % 64]).part(lambda m: m.count), range(2048)))
+        found = list(pool.map(lambda k: prepared(meshes[k % 64])._part(lambda m: m.count), range(2048)))
     assert found == [4] * 2048
 
 

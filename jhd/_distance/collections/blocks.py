@@ -203,7 +203,7 @@ def _pair(pair: tuple[CurveRows, CurveRows, Array, Array], method: BranchAndBoun
     high = jnp.where(jnp.isfinite(ceiling), frame.common(ceiling, np.inf), jnp.inf)
 
     def one(aim: Aim, turn: Any) -> tuple[Aim, Any]:
-        found = method.directed(turn[0], turn[1], frame, aim)
+        found = method._directed(turn[0], turn[1], frame, aim)
         # Below the first direction nothing matters of the second, and nothing at all where it is above the ceiling.
         most = jnp.where(found.lower > aim.ceiling, -1.0, aim.ceiling)
         return Aim(jnp.maximum(aim.level, found.lower), most), found

@@ -33,7 +33,8 @@ from jhd._distance.collections.tasks import measured, pairs_between, workers
 from jhd._distance.decisions import checked_limit
 from jhd._distance.normalization.method import AbstractHausdorffMethod, check_serves
 from jhd._distance.pairs import METHODS
-from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method
+from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, limited
+from jhd._results.batches import AbstractOutcome
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import check_whole, real_array, same_arrays
 from jhd._runtime.c_library import give_back
@@ -51,7 +52,7 @@ _BOUNDS = 10**6
 _TOGETHER = 64
 
 
-class Pairwise(eqx.Module):
+class Pairwise(AbstractOutcome):
     """All Hausdorff distances of two collections with their bounds; row i and column j belong to shapes[i], others[j].
 
     Args:
@@ -74,7 +75,7 @@ class Pairwise(eqx.Module):
         return f"Pairwise({rows} x {columns} distances, {done} known, {self.computed} computed)"
 
 
-class Neighbors(eqx.Module):
+class Neighbors(AbstractOutcome):
     """The nearest shapes of each query by Hausdorff distance, in the order of `value`.
 
     The k nearest shapes of a query are among the shapes in its row and in its `ties`. The order of two shapes whose
@@ -109,7 +110,7 @@ class Neighbors(eqx.Module):
         return f"Neighbors({k} of each of {count} queries, {int(self.tied.sum())} tied, {self.computed} computed)"
 
 
-class PairsWithin(eqx.Module):
+class PairsWithin(AbstractOutcome):
     """The pairs of shapes that are certified to be at most a threshold apart, in the order of their indices.
 
     The search for a pair ends once it is decided, so its bounds may be far apart. Call `hausdorff` for the distance.
@@ -144,6 +145,7 @@ def pairwise(
     atol: Numbers | None = None,
     executor: Executor | None = None,
     store: str | Path | None = None,
+    max_seconds: float | None = None,
     progress: Report = None,
 ) -> Pairwise:
     """All Hausdorff distances of two collections, or within one, each with certified bounds.
@@ -168,6 +170,7 @@ def pairwise(
         store: a folder that keeps finished parts, safe against kills and loss of power. A second call with the same
             shapes, options, versions and processor continues there and returns the same bits. Only one call may use it
             at a time.
+        max_seconds: wall time in seconds after which the call ends with the results so far; by default no limit.
         progress: a function that is called with a Progress from time to time.
 
     Returns:
@@ -183,11 +186,11 @@ def pairwise(
     a, b = both_collections("shapes", shapes, "others", others)
     if a is not b or len(a) > 1:
         _check_method(method, a, b)
-    table = DistanceTable(a, b, _PAIRS)
+    table, hears = DistanceTable(a, b, _PAIRS), limited(method, progress, max_seconds)
     kept = None if store is None else Store(store, fingerprint_of((a.shapes, b.shapes), method, _PAIRS))
     try:
         with workers(executor) as pool:
-            table.fill(pool, method, kept, lambda done, total: _tell(progress, "distances", done, total))
+            table.fill(pool, method, kept, lambda done, total: _tell(hears, "distances", done, total))
     except KeyboardInterrupt:
         pass
     return Pairwise(table.value, table.lower, table.upper, _results(table.result), table.computed)
@@ -202,6 +205,7 @@ def nearest_shapes(
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
     executor: Executor | None = None,
+    max_seconds: float | None = None,
     progress: Report = None,
 ) -> Neighbors:
     """The k nearest shapes of each query by Hausdorff distance, certified.
@@ -227,6 +231,7 @@ def nearest_shapes(
         rtol: tolerance on `upper - lower`, relative to `upper`; see `jhd.hausdorff`.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; see `jhd.hausdorff`.
         executor: any concurrent.futures.Executor; by default one thread for each processor.
+        max_seconds: wall time in seconds after which the call ends with the results so far, once all pairs have bounds.
         progress: a function that is called with a Progress from time to time.
 
     Returns:
@@ -243,12 +248,12 @@ def nearest_shapes(
     if k > len(b):
         raise ValueError(f"k is {k}; there are {len(b)} shapes.")
     _check_method(method, a, b, (BranchAndBound,))
-    step, parts = max(1, _BOUNDS // len(b)), []
+    step, parts, hears = max(1, _BOUNDS // len(b)), [], limited(method, progress, max_seconds)
     with workers(executor) as pool:
         bounds = PivotBounds(*_both_pivots(pool, a, b, progress))
         for start in range(0, len(a), step):
             rows, before = np.arange(start, min(start + step, len(a))), sum(part.computed for part in parts)
-            report = lambda done, total, before=before: _tell(progress, "distances", before + done, before + total)  # noqa: E731
+            report = lambda done, total, before=before: _tell(hears, "distances", before + done, before + total)  # noqa: E731
             known = standings_of(bounds, rows, len(b), a is b)
             parts.append(nearest_of(pool, (a, b), rows, k, known, method, report))
             del known
@@ -266,6 +271,7 @@ def pairs_within(
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
     executor: Executor | None = None,
+    max_seconds: float | None = None,
     progress: Report = None,
 ) -> PairsWithin:
     """All pairs of shapes that are at most `threshold` apart, each certified.
@@ -288,6 +294,7 @@ def pairs_within(
         rtol: relative tolerance at which a search gives up; see `jhd.hausdorff`.
         atol: absolute tolerance at which a search gives up; see `jhd.hausdorff`.
         executor: any concurrent.futures.Executor; by default one thread for each processor.
+        max_seconds: wall time in seconds after which the call ends with the results so far, once all pairs have bounds.
         progress: a function that is called with a Progress from time to time.
 
     Returns:
@@ -302,7 +309,7 @@ def pairs_within(
     limit = float(checked_limit(threshold))
     a, b = both_collections("shapes", shapes, "others", others)
     _check_method(method, a, b, (BranchAndBound,))
-    computed = 0
+    computed, hears = 0, limited(method, progress, max_seconds)
     with workers(executor) as pool:
         some = candidates(*_both_pivots(pool, a, b, progress), limit, a is b)
         rows, columns, lower, upper = (np.concatenate(x) for x in zip(*some, *_no_pairs(), strict=True))
@@ -315,7 +322,7 @@ def pairs_within(
                 at = open_[index]
                 lower[at], upper[at] = np.maximum(lower[at], found.lower), np.minimum(upper[at], found.upper)
                 computed += len(index)
-                _tell(progress, "distances", computed, len(open_))
+                _tell(hears, "distances", computed, len(open_))
         except KeyboardInterrupt:
             pass
     # Rounding leaves the distance of a copy open; it is zero if the shape is proven to have a point.

@@ -77,7 +77,8 @@ def nearest_of(
             query, shape = _first_of_each(open_, known.lower, width)
             if not len(query):
                 break
-            report(done, done + int(np.sum(open_)))
+            total = done + int(np.sum(open_))
+            report(done, total)
             pairs = pairs_between(rows[query], shape, ceiling=_reach(known, k)[query])
             for index, found in measured(executor, *collections, pairs, method):
                 at = query[index], shape[index]
@@ -85,6 +86,7 @@ def nearest_of(
                 known.upper[at] = np.minimum(known.upper[at], found.upper)
                 known.value[at], known.result[at] = found.value, found.result
                 done += len(index)
+                report(done, total)
             width = min(2 * width, max(_WIDTH, k))
     except KeyboardInterrupt:
         pass

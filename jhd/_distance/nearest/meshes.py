@@ -31,7 +31,7 @@ class AbstractMeshSearch(eqx.Module):
     """How the nearest points of a mesh are found where that is not the exact search; fields are options."""
 
     @abstractmethod
-    def search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
+    def _search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
         """The points found for queries (points, 3), all numbers known."""
 
 
@@ -54,7 +54,7 @@ def nearest_on_mesh(queries: Array, mesh: TriangleMesh, method: object = None) -
     fixed, still = undifferentiated((queries.reshape(-1, 3), mesh))
     if not is_traced(fixed, still):
         known = np.asarray(fixed)
-        found = _known(closest_points(still, known) if method is None else method.search(known, still), still)
+        found = _known(closest_points(still, known) if method is None else method._search(known, still), still)
     elif method is None:
         found = _traced(fixed, still)
     else:

@@ -38,7 +38,7 @@ class AbstractCurveMethod(AbstractHausdorffMethod):
         return isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
 
     @abstractmethod
-    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
+    def _directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """The directed distance in the common coordinates, pure and traceable.
 
         Args:

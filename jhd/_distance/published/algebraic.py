@@ -72,7 +72,7 @@ class AlgebraicEvents(AbstractHostMethod):
         check_whole("capacity", self.capacity, 16)
         check_whole("max_boxes", self.max_boxes, 0)
 
-    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
+    def _directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """The distance from `a` to `b` in common coordinates; called by `jhd.directed_hausdorff`.
 
         Args:

@@ -101,7 +101,7 @@ class CubeIntervals(AbstractHausdorffMethod):
         """Whether both shapes are implicit surfaces."""
         return isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)
 
-    def directed_surfaces(
+    def _directed_surfaces(
         self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Callback | None = None
     ) -> HausdorffSolution:
         """The directed distance, max over a of min over b; called by `jhd.directed_hausdorff`.
@@ -118,9 +118,9 @@ class CubeIntervals(AbstractHausdorffMethod):
             TypeError: shapes of another kind, or traced ones.
             ValueError: a surface that is certified to be empty in its box.
         """
-        return self.measured(*self.cells_of(a, b, progress), DIRECTIONS.a_to_b)
+        return self._measured(*self._cells(a, b, progress), DIRECTIONS.a_to_b)
 
-    def surfaces(
+    def _surfaces(
         self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Callback | None = None
     ) -> HausdorffSolution:
         """The larger of both directed distances, with the larger of both bounds; called by `jhd.hausdorff`.
@@ -137,12 +137,12 @@ class CubeIntervals(AbstractHausdorffMethod):
             TypeError: shapes of another kind, or traced ones.
             ValueError: a surface that is certified to be empty in its box.
         """
-        p, q, scale = self.cells_of(a, b, progress)
+        p, q, scale = self._cells(a, b, progress)
         return larger_interval(
-            self.measured(p, q, scale, DIRECTIONS.a_to_b), self.measured(q, p, scale, DIRECTIONS.b_to_a)
+            self._measured(p, q, scale, DIRECTIONS.a_to_b), self._measured(q, p, scale, DIRECTIONS.b_to_a)
         )
 
-    def cells_of(
+    def _cells(
         self, a: ImplicitSurface, b: ImplicitSurface, progress: Callback | None
     ) -> tuple["_GridCells", "_GridCells", "_Scale"]:
         """The cells of both surfaces in common coordinates.
@@ -162,7 +162,7 @@ class CubeIntervals(AbstractHausdorffMethod):
         common = _on_one_grid if _same_cube(a, b) and self.cells <= _LARGEST_GRID else _on_two_grids
         return common((a, b), voxels, self.cells)
 
-    def measured(self, p: "_GridCells", q: "_GridCells", scale: "_Scale", direction: DIRECTIONS) -> HausdorffSolution:
+    def _measured(self, p: "_GridCells", q: "_GridCells", scale: "_Scale", direction: DIRECTIONS) -> HausdorffSolution:
         """The directed distance from the surface of the cells p to the surface of the cells q.
 
         Args:

@@ -114,7 +114,7 @@ class BiarcTrimming(AbstractHostMethod):
         check_whole("max_boxes", self.max_boxes, 0)
         check_scalar("deviation", self.deviation, positive=True)
 
-    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
+    def _directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """The distance from `a` to `b` in common coordinates; called by `jhd.directed_hausdorff`.
 
         Parts below the level of the aim are trimmed too.

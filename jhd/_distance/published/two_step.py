@@ -107,7 +107,7 @@ class TwoStep(AbstractCurveMethod):
         if self.per == "curve" and self.samples is None:
             raise ValueError("samples is None; per='curve' needs a whole number of at least 1.")
 
-    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
+    def _directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """The distance from `a` to `b` in common coordinates; called by `jhd.directed_hausdorff`."""
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
         pair = RefinedPair(a, b, preceding(b.next_segment), *skip)

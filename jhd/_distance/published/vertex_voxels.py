@@ -86,7 +86,7 @@ def local_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"], opti
     Raises:
         ValueError: a grid of more voxels than the capacity.
     """
-    grid, tree = prepared(mesh).part(options), triangle_tree(mesh)
+    grid, tree = prepared(mesh)._part(options), triangle_tree(mesh)
     with np.errstate(over="ignore"):
         voxels = _voxels_of(grid, np.ldexp(points.astype(np.float64), -tree.exponent))
     tree, scaled = in_unit_of(tree, points)
@@ -291,7 +291,7 @@ class VertexVoxels(AbstractMeshSearch):
             raise TypeError("the number of voxels depends on the vertices; pass a concrete mesh, outside jit.")
         return resolution_of(mesh, self._options())
 
-    def search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
+    def _search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
         """The nearest points that the search finds; called by `jhd.project`.
 
         Args:

@@ -4,6 +4,7 @@ This file holds its options and how it runs inside a compiled function. The sear
 jhd._distance.search.curves.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -25,9 +26,11 @@ from jhd._distance.search.curves import advance, begin, solution_of
 from jhd._distance.search.solutions import CoveredPair, in_one_go
 from jhd._results.solution import DIRECTIONS, HausdorffSolution
 from jhd._runtime.argument_hints import belongs
-from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array
+from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array, same_arrays
+from jhd._runtime.clock import Clock, TimeLimit
 from jhd._shapes.checks import Numbers, optional_array
 from jhd._shapes.curve import BezierSegments
+from jhd.progress import Callback, Progress
 
 Chosen = TypeVar("Chosen", bound=AbstractMethod)
 # Rows of a table of surfaces for each of those of curves.
@@ -80,7 +83,7 @@ class BranchAndBound(AbstractHausdorffMethod):
         """Whether the method can measure this pair: always true."""
         return True
 
-    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
+    def _directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """The distance from `a` to `b` in common coordinates, in one loop; called by `jhd.directed_hausdorff`.
 
         In a batch on a CPU the searches run one after the other: side by side, all would take as long as the longest
@@ -96,7 +99,7 @@ class BranchAndBound(AbstractHausdorffMethod):
             search = sequential_vmap(search)
         return search(a, b, wanted_of(self, a, frame, aim))
 
-    def directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: DIRECTIONS) -> HausdorffSolution:
+    def _directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: DIRECTIONS) -> HausdorffSolution:
         """The directed distance of surfaces in common coordinates, in one loop; called by `jhd.directed_hausdorff`."""
 
         def search(pair: CoveredPair, wanted: Wanted) -> HausdorffSolution:
@@ -125,15 +128,42 @@ def chosen_method(method: Chosen | None, rtol: Any, atol: Any) -> Chosen | Branc
     """The method of a call, BranchAndBound() if it is None, with the tolerances of the call.
 
     Raises:
-        TypeError: a tolerance is given together with a method.
+        TypeError: a tolerance is given, and the method has it already or none.
     """
     given = {name: value for name, value in (("rtol", rtol), ("atol", atol)) if value is not None}
     if method is None:
         return BranchAndBound(**given) if given else default_method()
-    if given:
-        written = ", ".join(f"{name}=..." for name in given)
-        raise TypeError(f"{' and '.join(given)} cannot be combined with a method: write BranchAndBound({written}).")
-    return method
+    if not given:
+        return method
+    if not isinstance(method, BranchAndBound):
+        raise TypeError(f"{' and '.join(given)} cannot be combined with {type(method).__name__}: pass its own options.")
+    usual = default_method()
+    twice = [name for name in given if not same_arrays(getattr(method, name), getattr(usual, name))]
+    if twice:
+        raise TypeError(f"{' and '.join(twice)} stands in the method and in the call: pass it once.")
+    return replace(method, **given)
+
+
+def limited(method: Any, progress: Callback | None, max_seconds: float | None) -> Callback | None:
+    """The callback of a call, which also ends the search after `max_seconds` of wall time if they are given.
+
+    Raises:
+        TypeError: `max_seconds` is not a number, or the method is no search with bounds at every stage.
+        ValueError: `max_seconds` is not positive.
+    """
+    if max_seconds is None:
+        return progress
+    clock = Clock(max_seconds)
+    if not isinstance(method, BranchAndBound):
+        raise TypeError(f"max_seconds cannot be combined with {type(method).__name__}: it needs BranchAndBound.")
+
+    def told(news: Progress) -> None:
+        if progress is not None:
+            progress(news)
+        if clock.is_over():
+            raise TimeLimit
+
+    return told
 
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.

@@ -122,7 +122,7 @@ class TriangleSearch(AbstractSearch):
     first_steps = 1
 
     def __init__(self, a: TriangleMesh, b: TriangleMesh, method: BranchAndBound):
-        self._sides = in_one_unit(prepared(a).part(mesh_boxes), prepared(b).part(mesh_boxes))
+        self._sides = in_one_unit(prepared(a)._part(mesh_boxes), prepared(b)._part(mesh_boxes))
         self._corners = stored_corners(a), stored_corners(b)
         self._allowed = _allowed(self._sides, method)
         self.max_steps = method.max_steps

@@ -227,9 +227,9 @@ def _source(shape: Any, moved: Any) -> tuple[AbstractSource, float]:
 def target_in(shape: Any, moved: Any) -> tuple[AbstractTarget, float]:
     """A shape in common coordinates as a target, and its largest coordinate."""
     if isinstance(moved, Side):
-        return prepared(moved).part(SurfaceTarget), 1.0
+        return prepared(moved)._part(SurfaceTarget), 1.0
     if isinstance(moved, Net):
-        return prepared(moved).part(NetTarget), 1.0
+        return prepared(moved)._part(NetTarget), 1.0
     if isinstance(shape, TriangleMesh):
         return MeshTarget(TriangleMesh(moved, shape.triangles)), 1.0
     return PointTarget(BezierSegments(moved[:, None])), float(np.max(np.abs(moved)))

@@ -14,6 +14,7 @@ import numpy as np
 
 from jhd._distance.normalization.coordinates import Frame
 from jhd._results.solution import RESULTS, name_of, with_result
+from jhd._runtime.clock import TimeLimit
 from jhd.progress import Callback, Progress
 
 # The seconds that stretches after the first two are made to last, and how much longer the next one may be.
@@ -90,7 +91,7 @@ class Threshold:
 
 
 class Listener:
-    """Who hears of the searches of one call of an entry: of their progress, and whether they were interrupted.
+    """The listener of the searches of one call: it passes on their progress, and knows whether they were ended early.
 
     Args:
         progress: called with a Progress after each stretch, or None.
@@ -99,7 +100,8 @@ class Listener:
     """
 
     def __init__(self, progress: Callback | None = None, frame: Frame | None = None, stage: str = "minimum"):
-        self._progress, self._frame, self._stage, self.interrupted = progress, frame, stage, False
+        self._progress, self._frame, self._stage = progress, frame, stage
+        self.interrupted, self.late = False, False
 
     @property
     def satisfied(self) -> bool:
@@ -133,10 +135,10 @@ def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> 
             fresh = state is None
             state, standing = search.advance(search.begin() if fresh else state, limit, not listener.interrupted)
             listener.report(direction, standing)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
             if standing is None:
                 raise
-            listener.interrupted = True
+            listener.interrupted, listener.late = True, isinstance(stop, TimeLimit)
         over = listener.satisfied or not standing.going_on or standing.steps >= search.max_steps
         if listener.interrupted or over:
             return _ended(standing, listener)
@@ -151,5 +153,5 @@ def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> 
 def _ended(standing: Standing, listener: Listener) -> Any:
     solution = standing.solution
     if listener.interrupted and name_of(solution.result) != "successful":
-        return with_result(solution, RESULTS.interrupted)
+        return with_result(solution, RESULTS.out_of_time if listener.late else RESULTS.interrupted)
     return solution

@@ -43,7 +43,7 @@ class PlacesNear(NamedTuple):
 
 def looked_at(side: Side) -> tuple[Target, Any]:
     """A side with its cover and its cloud, and whether it is proven to have no point in its box; kept with it."""
-    return prepared(side).part(_looked_at)
+    return prepared(side)._part(_looked_at)
 
 
 def _looked_at(side: Side) -> tuple[Target, Any]:

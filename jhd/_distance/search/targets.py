@@ -40,7 +40,7 @@ def target_of(shape: Any) -> AbstractTarget:
     Raises:
         ValueError: an implicit surface without points in its box.
     """
-    return prepared(shape).part(_target)
+    return prepared(shape)._part(_target)
 
 
 def _target(shape: Any) -> AbstractTarget:

@@ -35,7 +35,7 @@ def bounds(solution):
 @pytest.mark.parametrize("pairs", swept(["separable", "tiles"], quick=["separable"]))
 def test_the_paper_rule_gives_the_published_interval(pairs):
     method = CubeIntervals(64, rule="paper", pairs=pairs)
-    both, there = method.surfaces(*CONES), method.directed_surfaces(*CONES)
+    both, there = method._surfaces(*CONES), method._directed_surfaces(*CONES)
     assert bounds(both) == (math.sqrt(17 / 32), math.sqrt(103 / 128))
     assert bounds(there) == (math.sqrt(105) / 16, math.sqrt(185) / 16)
     assert name_of(both.result) == name_of(there.result) == "not_certified"
@@ -49,7 +49,7 @@ def test_the_paper_rule_gives_the_published_interval(pairs):
 @pytest.mark.parametrize("pairs", swept(["separable", "tiles"], slow=["separable"]))
 def test_the_safe_rule_holds_the_distances_of_the_cones(pairs):
     method = CubeIntervals(64, pairs=pairs)
-    both, there = method.surfaces(*CONES), method.directed_surfaces(*CONES)
+    both, there = method._surfaces(*CONES), method._directed_surfaces(*CONES)
     for solution, exact in ((both, EXACT_H21), (there, EXACT_H12)):
         lower, upper = bounds(solution)
         assert lower < exact < upper and lower <= float(solution.value) <= upper
@@ -59,7 +59,7 @@ def test_the_safe_rule_holds_the_distances_of_the_cones(pairs):
 
 
 def test_the_witness_is_where_the_upper_end_comes_from():
-    solution = CubeIntervals(32).directed_surfaces(*CONES)
+    solution = CubeIntervals(32)._directed_surfaces(*CONES)
     witness = solution.witness
     assert witness.feet.shape == (4, 3) and witness.multipliers.tolist() == [1, 0, 0, 0]
     assert int(witness.element) == -1 and np.isnan(witness.t)
@@ -90,10 +90,10 @@ COUNTEREXAMPLES = {
 @pytest.mark.parametrize("case", COUNTEREXAMPLES)
 def test_the_paper_rule_is_wrong_where_cells_hold_no_point_and_the_safe_rule_is_not(case):
     a, b, published, exact = COUNTEREXAMPLES[case]
-    lower, upper = bounds(CubeIntervals(64, rule="paper").directed_surfaces(a, b))
+    lower, upper = bounds(CubeIntervals(64, rule="paper")._directed_surfaces(a, b))
     assert abs(lower - published[0]) < 1e-6 and abs(upper - published[1]) < 1e-6
     assert not lower <= exact <= upper
-    safe = CubeIntervals(64).directed_surfaces(a, b)
+    safe = CubeIntervals(64)._directed_surfaces(a, b)
     assert float(safe.lower) <= exact <= float(safe.upper) and name_of(safe.result) == "successful"
 
 
@@ -101,11 +101,11 @@ def test_the_paper_rule_is_wrong_where_cells_hold_no_point_and_the_safe_rule_is_
 def test_distances_between_vertices_are_the_same_on_one_grid_and_no_bound_on_two():
     """The second way of the source. One cell holds all of another: its vertices are far from the vertices of that."""
     ways = [CubeIntervals(8, "paper", "tiles", ends) for ends in ("cells", "vertices")]
-    cells, vertices = (bounds(method.surfaces(*CONES)) for method in ways)
+    cells, vertices = (bounds(method._surfaces(*CONES)) for method in ways)
     assert cells == vertices
     a, b = parsed("z - 0.5", [0, 0, 0], [1, 1, 1]), parsed("z - 0.75", [-1, -1, -1], [2, 2, 2])
     for ends, lower in (("cells", 0.0), ("vertices", math.sqrt(3))):
-        found = bounds(CubeIntervals(1, "paper", "tiles", ends).directed_surfaces(a, b))
+        found = bounds(CubeIntervals(1, "paper", "tiles", ends)._directed_surfaces(a, b))
         assert found == (lower, 2 * math.sqrt(3))
         # The planes are a quarter apart: the interval from the vertices is false.
         assert (found[0] <= 0.25) == (ends == "cells")
@@ -116,10 +116,10 @@ EMPTY = parsed("(x - 0.3)^2 + (y - 0.3)^2 + (z - 0.3)^2 + 1e-4")
 
 @pytest.mark.slow
 def test_a_surface_without_points_gets_no_number_from_the_safe_rule():
-    invented = CubeIntervals(64, rule="paper").directed_surfaces(EMPTY, BALL)
+    invented = CubeIntervals(64, rule="paper")._directed_surfaces(EMPTY, BALL)
     assert float(invented.lower) > 0.3
-    there, back = CubeIntervals(64).directed_surfaces(EMPTY, BALL), CubeIntervals(64).directed_surfaces(BALL, EMPTY)
-    both = CubeIntervals(64).surfaces(BALL, EMPTY)
+    there, back = CubeIntervals(64)._directed_surfaces(EMPTY, BALL), CubeIntervals(64)._directed_surfaces(BALL, EMPTY)
+    both = CubeIntervals(64)._surfaces(BALL, EMPTY)
     for solution in (there, back, both):
         assert name_of(solution.result) == "existence_not_certified" and np.isnan(solution.value)
     assert float(there.lower) == 0 and float(back.upper) == math.inf == float(both.upper)
@@ -154,12 +154,12 @@ def check_spheres(seed, size, separable):
     a, b = (sphere(c, r, *box, size) for c, r, box in zip((x, y), radii, boxes, strict=True))
     method, apart = CubeIntervals(16), Fraction(float(abs(x - y)))
     exact = [farthest(apart, Fraction(r), Fraction(s)) * Fraction(size) for r, s in (radii, radii[::-1])]
-    for solution, z in ((method.directed_surfaces(a, b), exact[0]), (method.surfaces(a, b), max(exact))):
+    for solution, z in ((method._directed_surfaces(a, b), exact[0]), (method._surfaces(a, b), max(exact))):
         lower, upper = bounds(solution)
         assert Fraction(lower) <= z and (math.isinf(upper) or z <= Fraction(upper))
     if separable:
-        tiles = CubeIntervals(method.cells, pairs="tiles").directed_surfaces(a, b)
-        assert bounds(tiles) == bounds(method.directed_surfaces(a, b))
+        tiles = CubeIntervals(method.cells, pairs="tiles")._directed_surfaces(a, b)
+        assert bounds(tiles) == bounds(method._directed_surfaces(a, b))
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_rounded_squares_get_the_room_of_five_roundings():
 
 def test_cells_in_common_coordinates_cover_the_exact_ones():
     a, b = parsed("x + y - 1", [0.1, 0.2, -0.3], [0.7, 1.3, 0.1]), parsed("z", [-1 / 3, 0, -0.1], [1.1, 0.3, 0.7])
-    *both, scale = CubeIntervals(7).cells_of(a, b, None)
+    *both, scale = CubeIntervals(7)._cells(a, b, None)
     origin = [Fraction(x) for x in a.lower.tolist()]
     rounded = 0
     for cells, surface in zip(both, (a, b), strict=True):
@@ -217,30 +217,30 @@ def test_cells_in_common_coordinates_cover_the_exact_ones():
 
 
 def test_far_from_the_origin_nothing_is_lost():
-    near = CubeIntervals(16).surfaces(parsed("x^2 + y^2 + z^2 - 1"), parsed("x^2 + y^2 + z^2 - 2.25"))
+    near = CubeIntervals(16)._surfaces(parsed("x^2 + y^2 + z^2 - 1"), parsed("x^2 + y^2 + z^2 - 2.25"))
     shift = 2.0**20
     moved = [parsed(f"x^2 + y^2 + z^2 - {r}").transform(np.eye(3), [shift, 0.0, -shift]) for r in (1, 2.25)]
-    assert bounds(CubeIntervals(16).surfaces(*moved)) == bounds(near)
+    assert bounds(CubeIntervals(16)._surfaces(*moved)) == bounds(near)
 
 
 def test_boxes_of_their_own_are_compared_in_tiles():
     # Different boxes: the part of the plane that each surface is differs, and so do the grids.
     a = parsed("z", [0, 0, -1], [1, 1, 1])
     b = parsed("z - 0.5", [0, 0, -1], [3, 1, 1.5])
-    there, back = CubeIntervals(20).directed_surfaces(a, b), CubeIntervals(20).directed_surfaces(b, a)
+    there, back = CubeIntervals(20)._directed_surfaces(a, b), CubeIntervals(20)._directed_surfaces(b, a)
     for solution, exact in ((there, 0.5), (back, math.sqrt(4.25))):
         lower, upper = bounds(solution)
         assert lower <= exact <= upper and upper - lower < 0.6
 
 
 def test_a_surface_on_itself_has_lower_bound_zero():
-    lower, upper = bounds(CubeIntervals(32).surfaces(BALL, BALL))
+    lower, upper = bounds(CubeIntervals(32)._surfaces(BALL, BALL))
     assert lower == 0 < upper <= 2 * math.sqrt(3) / 8 * (1 + 1e-15)
 
 
 def test_progress_is_reported_for_both_surfaces():
     seen = []
-    CubeIntervals(16).surfaces(*CONES, progress=seen.append)
+    CubeIntervals(16)._surfaces(*CONES, progress=seen.append)
     assert [x.done for x in seen] == [0, 1, 2, 3, 4] * 2
 
 
@@ -264,15 +264,15 @@ def test_other_options_are_refused(options, kind, message):
 def test_curves_are_refused():
     curve = jhd.point_set([[0.0, 0.0, 0.0]])
     with pytest.raises(TypeError, match="b must be an ImplicitSurface; got BezierSegments"):
-        CubeIntervals().surfaces(BALL, curve)  # pyright: ignore[reportArgumentType]
+        CubeIntervals()._surfaces(BALL, curve)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="AlgebraicEvents.. for BezierSegments and BezierSegments; got CubeIntervals"):
         jhd.hausdorff(curve, curve, CubeIntervals())
 
 
 def test_the_entries_take_surfaces():
     small = CubeIntervals(16)
-    assert bounds(jhd.directed_hausdorff(*CONES, small)) == bounds(small.directed_surfaces(*CONES))
-    assert bounds(jhd.hausdorff(*CONES, small)) == bounds(small.surfaces(*CONES))
+    assert bounds(jhd.directed_hausdorff(*CONES, small)) == bounds(small._directed_surfaces(*CONES))
+    assert bounds(jhd.hausdorff(*CONES, small)) == bounds(small._surfaces(*CONES))
     paper = jhd.hausdorff(*CONES, CubeIntervals(16, rule="paper"))
     assert name_of(paper.result) == "not_certified"
 

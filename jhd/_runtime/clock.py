@@ -8,6 +8,10 @@ class OutOfTimeError(Exception):
     """The time is up; whoever iterates keeps the best so far."""
 
 
+class TimeLimit(KeyboardInterrupt):
+    """The time is up; a search ends with the bounds reached, as at Ctrl-C."""
+
+
 # What the proof at the end may take beyond the time, as a share of it.
 _FOR_PROOF = 0.1
 # Seconds that the programs of a search may take to be compiled: twice what a slow core takes.
@@ -65,8 +69,8 @@ class Clock:
         """A listener of the search for the proof at the end: after some time more it is ended with its bounds so far.
 
         Raises:
-            KeyboardInterrupt: which is how a search is ended with the bounds reached.
+            TimeLimit: ends a search with the bounds reached.
         """
         del progress
         if self.is_closed():
-            raise KeyboardInterrupt
+            raise TimeLimit

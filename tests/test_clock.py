@@ -2,11 +2,11 @@
 
 import pytest
 
-from jhd._fitting.clock import Clock, OutOfTimeError
+from jhd._runtime.clock import Clock, OutOfTimeError
 
 
 def clock_at(monkeypatch, *times):
-    monkeypatch.setattr("jhd._fitting.clock.time.monotonic", iter(times).__next__)
+    monkeypatch.setattr("jhd._runtime.clock.time.monotonic", iter(times).__next__)
 
 
 def test_an_evaluation_is_given_up_when_the_time_is_over(monkeypatch):
