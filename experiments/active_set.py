@@ -1,9 +1,10 @@
-"""Which maxima of the distance take part while a curve is fitted, and do they end up equal?
+"""Which maxima of the distance are active while a curve is fitted, and do they end up equal?
 
-A hand-drawn m, a Bezier curve of degree 7, is approximated by one of degree 4 with the same ends, from the straight
-line between them, in one run of jhd.minimize_hausdorff. At every step: the curve, all critical pairs of both directions
-(the active set of the minimax problem is those at the maximum), the distances along both curves, the distance h and the
-optimality. The curve after k steps is that of a run with at most k steps, which takes the same ones.
+A hand-drawn m, a Bezier curve of degree 7, is approximated by a curve of degree 4 with the same ends in one run of
+jhd.minimize_hausdorff. The fit starts from the straight line between the ends. For every step: the curve, all critical
+pairs of both directions (the active set of the minimax problem contains the pairs at the maximum), the distances along
+both curves, the distance h and the optimality. The curve after k steps comes from a run with at most k steps, which
+takes identical steps.
 
 Claims: the run starts with 1 of 4 pairs at the maximum and ends with 7 of 8, one more than there are parameters, equal
 to 1e-14; in 10 steps the distance falls from 2.94 to 0.281167221, proven to 1e-9, and the optimality from 0.4 to below
@@ -26,22 +27,22 @@ from jhd._results.solution import to_plain
 
 LETTER = np.array([(0, 0), (-1, 4), (4, 6), (5, -1), (1, -3), (3, 5), (8, 4), (7, 0)], dtype=float)
 DEGREE = 4
-# Maxima are equal within this share of the largest; those within the other one are about to be.
+# Maxima are equal within the first fraction of the largest; within the second one they are close to equal.
 EQUAL, NEAR = 1e-8, 1e-2
 
 
 class Between(eqx.Module):
-    """Bezier curves from one point to another one; the inner control points are the parameters."""
+    """Bezier curves between two fixed points; the inner control points are the parameters."""
 
     ends: Array
 
     def __call__(self, inner: Array) -> jhd.BezierCurve:
-        """The curve with these inner control points."""
+        """Return the curve with these inner control points."""
         return jhd.BezierCurve(jnp.concatenate([self.ends[:1], inner, self.ends[1:]]))
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     target, build = jhd.BezierCurve(LETTER), Between(jnp.asarray(LETTER[[0, -1]]))
     share = np.linspace(0.0, 1.0, DEGREE + 1)[1:-1, None]
@@ -49,7 +50,7 @@ def main() -> None:
     end = jhd.minimize_hausdorff(build, line, target)
     steps = int(end.stats["steps"])
     samples = 65 if run.smoke else 401
-    # A short run keeps the start and the end alone.
+    # A smoke run keeps only the start and the end.
     kept = range(0, steps, steps if run.smoke else 1)
     solutions = [jhd.minimize_hausdorff(build, line, target, max_steps=k) for k in kept] + [end]
     states = [_state(target, solution, samples) for solution in solutions]
@@ -67,7 +68,7 @@ def main() -> None:
 
 
 def _state(target: jhd.BezierCurve, solution: jhd.FitSolution, samples: int) -> dict[str, Any]:
-    """The curve of a step with its critical pairs and the distances along both curves."""
+    """Return the curve of a step with its critical pairs and the distances along both curves."""
     valid, t = np.asarray(solution.pairs.valid), jnp.linspace(0.0, 1.0, samples)
     value, witness = np.asarray(solution.pairs.value)[valid], to_plain(solution.pairs.witness)
     shown = ("point", "feet", "t", "feet_params", "multipliers", "event", "direction")

@@ -1,15 +1,15 @@
 """How many arcs does a plane curve need for a tolerance, and what fraction of the proven deviation is attained?
 
-Five curves (a convex cubic, one that inflects, one with a cusp, an ellipse of rational quadratics, a closed cubic
-spline of 24 control points) are replaced by biarcs for tolerances from 1e-1 to 1e-8 of the diagonal of their box. The
-count is set beside theory: with curvature k and arc length s, a biarc of length L errs by |dk/ds| L^3 / 324, so curves
-whose biarcs all err by the same tolerance e have 2 int |dk/ds|^(1/3) ds / (324 e)^(1/3) arcs. Halving can miss that by
-a factor of two. Proven deviations are compared with those of samples of each piece from its arc, and with the Hausdorff
-distance of curve and arcs, proven by branch and bound.
+Biarcs replace five curves: a convex cubic, a cubic that inflects, a cubic with a cusp, an ellipse of rational
+quadratics, and a closed cubic spline of 24 control points. Tolerances go from 1e-1 to 1e-8 of the diagonal of the box.
+The number of arcs is compared with theory. With curvature k and arc length s, a biarc of length L errs by
+|dk/ds| L^3 / 324. If all biarcs of a curve err by one tolerance e, the curve has 2 int |dk/ds|^(1/3) ds / (324 e)^(1/3)
+arcs. Halving can miss that number by a factor of two. Proven deviations are compared with the distances of samples of
+each piece from its arc, and with the Hausdorff distance of curve and arcs, proven by branch and bound.
 
-Claims: from a tolerance of 1e-4 on the count grows with its power -0.31 to -0.34, and is 1.3 to 2.0 times that of
-theory; no sample lies beyond the deviation proven for its arc; the farthest sample and the Hausdorff distance, proven
-to a hundredth, both reach 0.84 to 0.955 of the largest deviation and agree to a hundredth.
+Claims: from a tolerance of 1e-4 on the number grows with its power -0.31 to -0.34, and is 1.3 to 2.0 times the number
+by theory; no sample lies beyond the deviation proven for its arc; the farthest sample and the Hausdorff distance,
+proven to a hundredth, both reach 0.84 to 0.955 of the largest deviation and agree to a hundredth.
 
 Feeds: figure "number of biarcs" and its table.
 Takes: 5 minutes, half a minute once compiled.
@@ -26,22 +26,22 @@ from common_cao14 import ring
 import jhd
 from jhd._results.solution import name_of
 
-# The cusp's parameter; a dyadic one would be met by halving.
+# The cusp's parameter; if it were dyadic, halving would meet it.
 CUSP = 0.4
 SMOOTH = ((0, 0), (1, 2), (3, 2.5), (4, 0))
 INFLECTING = ((0, 0), (1, 2), (3, -2), (4, 1))
-# Tolerances below this share of the diagonal count for the slope.
+# Tolerances below this fraction of the diagonal count for the slope.
 ASYMPTOTIC = 1e-4
-# Samples of a piece, and of a segment where theory is integrated.
+# Samples of a piece, and of a segment for the integral of the theory.
 SAMPLES, NODES = 65, 20_000
-# The arcs drawn are those of this tolerance.
+# The figure shows the arcs of this tolerance.
 DRAWN = 1e-3
-# Gap of the distance, as a share of the proven deviation; curves this close need more steps than the default.
+# Gap of the distance, as a fraction of the proven deviation; curves this close need more steps than the default.
 GAP, STEPS = 0.01, 50_000
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     chosen = curves()
     powers = range(1, 9)
@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def curves() -> dict[str, jhd.BezierCurve | jhd.BezierSegments | jhd.BSplineCurve]:
-    """The curves by name; lengths have no unit."""
+    """Return the curves by name; lengths have no unit."""
     return {
         "smooth": jhd.BezierCurve(SMOOTH),
         "inflecting": jhd.BezierCurve(INFLECTING),
@@ -63,7 +63,7 @@ def curves() -> dict[str, jhd.BezierCurve | jhd.BezierSegments | jhd.BSplineCurv
 
 
 def _cusped() -> np.ndarray:
-    """A cubic whose velocity is (t - CUSP) times a vector that runs from p to q."""
+    """Return a cubic whose velocity is (t - CUSP) times a vector that runs from p to q."""
     p, q = np.array([1.0, 2.0]), np.array([3.0, -2.0])
     before, after = -CUSP, 1 - CUSP
     steps = [before * p, 0.5 * (before * q + after * p), after * q]
@@ -71,7 +71,7 @@ def _cusped() -> np.ndarray:
 
 
 def _measured(curve: jhd.BezierSegments, shares: list[float]) -> dict[str, Any]:
-    """All tolerances of one curve."""
+    """Measure one curve at all tolerances."""
     low, high = curve.bounds
     diagonal = float(jnp.linalg.norm(high - low))
     rows = [_at(curve, share, diagonal) for share in shares]
@@ -89,11 +89,11 @@ def _measured(curve: jhd.BezierSegments, shares: list[float]) -> dict[str, Any]:
 
 
 def _at(curve: jhd.BezierSegments, share: float, diagonal: float) -> dict[str, Any]:
-    """Arcs for one tolerance, their deviations proven and sampled, and their distance from the curve."""
+    """Return the arcs for one tolerance, their proven and sampled deviations, and their distance from the curve."""
     arcs = jhd.biarcs(curve, share * diagonal)
     proven, sampled = np.asarray(arcs.deviation), _sampled(curve, arcs)
     most = float(proven.max())
-    # What rounding leaves of the distance of a point from an arc.
+    # The last term is the rounding error of the distance from a point to an arc.
     if not (np.all(sampled <= proven + 1e-14 * diagonal) and most <= share * diagonal):
         raise AssertionError(f"a deviation is not what is proven at {share:g} of the diagonal")
     method = jhd.BranchAndBound(atol=GAP * most, max_steps=STEPS)
@@ -116,7 +116,7 @@ def _at(curve: jhd.BezierSegments, share: float, diagonal: float) -> dict[str, A
 
 
 def _sampled(curve: jhd.BezierSegments, arcs: jhd.BiarcCurve) -> np.ndarray:
-    """For each arc the largest distance of samples of its piece from it, in NumPy."""
+    """Compute for each arc the largest distance of samples of its piece from it, in NumPy."""
     share = np.linspace(0, 1, SAMPLES)
     t0, t1 = (np.asarray(t)[:, None] for t in (arcs.t0, arcs.t1))
     x = np.asarray(curve.point(jnp.broadcast_to(arcs.segment[:, None], (arcs.count, SAMPLES)), t0 + (t1 - t0) * share))
@@ -124,10 +124,10 @@ def _sampled(curve: jhd.BezierSegments, arcs: jhd.BiarcCurve) -> np.ndarray:
 
 
 def _distance(x: np.ndarray, start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
-    """Distances of points to arcs, whose centers are o = start + n / (4 b), n = chord (2 b + (1 - b^2) i).
+    """Compute distances of points to arcs, whose centers are o = start + n / (4 b), n = chord (2 b + (1 - b^2) i).
 
-    Complex numbers; with d = x - start, |x - o|^2 - r^2 = |d|^2 - Re(d conj(n)) / (2 b): no radius is
-    subtracted, and lines need no case of their own.
+    Complex numbers; with d = x - start, |x - o|^2 - r^2 = |d|^2 - Re(d conj(n)) / (2 b). So no radius is subtracted,
+    and lines need no case of their own.
     """
     d, chord = (y[..., 0] + 1j * y[..., 1] for y in (x - start, end - start))
     n = chord * (2 * bulge + 1j * (1 - bulge**2))
@@ -143,7 +143,7 @@ def _distance(x: np.ndarray, start: np.ndarray, end: np.ndarray, bulge: np.ndarr
 
 
 def _theory(curve: jhd.BezierSegments) -> float:
-    """2 int |dk/ds|^(1/3) ds = 2 int |dk/dt|^(1/3) |x'|^(2/3) dt, by the middles of equal steps of all segments."""
+    """Integrate 2 |dk/ds|^(1/3) ds = 2 |dk/dt|^(1/3) |x'|^(2/3) dt, by midpoints of equal steps of all segments."""
     jets: list[Any] = [curve]
     for _ in range(3):
         jets.append(jax.jacfwd(jets[-1]))

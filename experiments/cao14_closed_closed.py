@@ -1,12 +1,13 @@
 """What do dense samples cost, and how accurate are they, compared with the two-step method on closed curves?
 
 A and B are closed uniform cubic B-splines of 90 control points. A is sampled 90 times (once a segment), as in the
-source. The picture shows sample 51, counted from one, with its ten stationary points. Claim: both directed distances
-agree with a reference in NumPy to 1e-10 mm; the three largest samples lead to events of both kinds, antipodal and
-one-to-two; samples (SciPy's k-d tree and its directed_hausdorff, up to 400 a segment) stay above 1e-7 mm at the
-antipodal maximum of h(A,B) and above 1e-4 mm at the one-to-two maximum of h(B,A), while their times range from less
-than a tenth to more than ten times the method's. All run in one process on one core; the time of sampling itself is
-given to the peers for free.
+source. The picture shows sample 51, counted from one, with its ten stationary points. All methods run in one process on
+one core. The time of sampling itself is not charged to the peers.
+
+Claims: both directed distances agree with a reference in NumPy to 1e-10 mm. The three largest samples lead to events of
+both kinds, antipodal and one-to-two. Samples (SciPy's k-d tree and its directed_hausdorff, up to 400 a segment) err by
+more than 1e-7 mm at the antipodal maximum of h(A,B) and by more than 1e-4 mm at the one-to-two maximum of h(B,A), while
+their times range from less than a tenth to more than ten times the method's.
 
 Feeds: figure and tables "two closed curves" (example 2 and figure 5 of Cao et al. 2014, with data of our own).
 Takes: 2 minutes, half a minute once compiled.
@@ -25,7 +26,7 @@ from jhd._shapes.curve import AbstractCurve
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True, pair=AbstractCurve)
     own = (ring(name, 24 if run.smoke else 90) for name in ("example_2_a", "example_2_b"))
     a, b = (curve.segments() for curve in run.shapes or own)
@@ -41,15 +42,15 @@ def main() -> None:
 
 
 def _speeds(run: Run, example: Example, references: list[float]) -> list[dict]:
-    """Warm times of the two-step method and of sampled answers, with their errors."""
+    """Measure warm times of the two-step method and of sampled answers, with their errors."""
     curves = example.a, example.b
     found = []
-    # Six samples a segment is what the method takes by default on curves of 90 segments.
+    # By default, the method takes six samples a segment on curves of 90 segments.
     more = [] if run.smoke else [(2, jhd.published.TwoStep(samples=2)), (6, jhd.published.TwoStep())]
     for count, method in [(1, example.method), *more]:
         solve = lambda x, y, method=method: jhd.directed_hausdorff(x, y, method)  # noqa: E731
         found.append(_measured("TwoStep", count, solve, curves, references, 5 if run.smoke else 51))
-    # SciPy's own compares pairs until each row is settled, in an order drawn from a seed of its own.
+    # SciPy's own function compares pairs until each row is settled, in an order drawn from its own seed.
     pairs: Callable[..., float] = lambda x, y: scipy_distance.directed_hausdorff(x, y)[0]  # noqa: E731
     for name, function in (("k-d tree", sampled_directed), ("directed_hausdorff", pairs)):
         for count in (50,) if run.smoke else (25, 100, 400):

@@ -1,16 +1,17 @@
 """Are certificates of every pair of kinds checked in seconds, and refused when anything that matters is changed?
 
-For each pair of kinds ten random pairs of shapes, every other one rational: points, curves, parametric surfaces,
-implicit surfaces and meshes, in the plane too. The two-sided distance is certified; for every third pair, and for two
-implicit surfaces, whose certificates take longest, the directed distance; for some pairs of kinds the minimum distance,
-or a decision whether a distance is at most nine or eleven tenths of its value. The certificate is written to a file,
-which the checker reads as a program of its own, with nothing but Python's standard library. Then two hundred forgeries
-of it (common_forgeries.py): claims beyond the bounds that the search has proven, from one unit in the last place
-upward, of another direction or pair; proofs with a cell gone or with a false statement; shapes with other numbers. Each
-is written to a file and read as a user does, one by the program too. Samples know the distance besides.
+For each pair of kinds there are ten random pairs of shapes, every second one rational: points, curves, parametric
+surfaces, implicit surfaces and meshes, also in the plane. Usually the two-sided distance is certified. For every third
+pair it is the directed distance, and also for two implicit surfaces, whose certificates take longest. For some pairs of
+kinds it is the minimum distance, or a decision whether a distance is at most 1.1 or 0.9 times its value. The
+certificate is written to a file, which the checker reads as a standalone program that needs only Python's standard
+library. Then come two hundred forgeries of each certificate (common_forgeries.py): claims that contradict the bounds
+proven by the search, from one unit in the last place upward, or that belong to another direction or pair; proofs with a
+missing cell or a false statement; shapes with other numbers. Each forgery is written to a file and read by the
+library's function, one also by the program. Sampled distances are a second check of the bounds.
 
-Claims: every pair gets a certificate, which is checked in less than 60 seconds; no forgery is accepted, and none ends
-in anything but the checker's own refusal.
+Claims: every pair gets a certificate, which is checked in less than 60 seconds; no forgery is accepted, and all end in
+the checker's own refusal.
 
 Feeds: figure and table "certificates".
 Takes: 15 minutes.
@@ -47,24 +48,24 @@ LARGEST = [
 ]
 SMALLEST = [("points", "patch"), ("curve", "curve"), ("mesh", "mesh"), ("points", "surface")]
 DECISIONS = [("plane curve", "plane curve"), ("points", "mesh")]
-# Mixes of short runs.
+# Pairs of kinds in smoke runs.
 SMOKE = [("plane curve", "plane curve", "largest"), ("points", "mesh", "decision"), ("mesh", "mesh", "smallest")]
 # Heights of b above a: near, so that both directions count, and apart.
 NEAR, APART = 0.5, 1.5
-# Thresholds of decisions, as shares of the distance.
+# Thresholds of decisions, as fractions of the distance.
 SHARES = 1.1, 0.9
 _CHECKER = Path(verification.__file__).parent
 
 
 class Measured(NamedTuple):
-    """A solution to be certified, and bounds of the distances of the pair by the search."""
+    """A solution to certify, and bounds of the pair's distances by the search."""
 
     solution: Any
     bounds: dict[str, tuple[float, float]]
 
 
 class Made(NamedTuple):
-    """A certificate, the shapes, and what the search knows."""
+    """A certificate, its shapes, and the bounds that the search found."""
 
     shapes: tuple[Any, Any]
     measured: Measured
@@ -73,7 +74,7 @@ class Made(NamedTuple):
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     asked = {"largest": LARGEST, "smallest": SMALLEST, "decision": DECISIONS}
     mixes = [(*pair, what) for what, pairs in asked.items() for pair in pairs]
@@ -85,7 +86,7 @@ def main() -> None:
 
 
 def _mix(run: Run, mix: tuple[str, str, str], folder: Path) -> dict[str, Any]:
-    """What is measured of all pairs of a mix."""
+    """Measure all pairs of one pair of kinds."""
     *kinds, what = mix
     random = np.random.default_rng([run.seed, *what.encode(), *" ".join(kinds).encode()])
     made, refused = [], []
@@ -105,7 +106,7 @@ def _mix(run: Run, mix: tuple[str, str, str], folder: Path) -> dict[str, Any]:
     return {"kinds": kinds, "distance": what, "certificates": checked, "refused": refused}
 
 
-# ---- what is certified ---------------------------------------------------------------------------
+# ---- certified distances -------------------------------------------------------------------------
 
 
 def _largest(a: Any, b: Any, k: int) -> Measured:
@@ -137,11 +138,11 @@ def _ends(solution: Any) -> tuple[float, float]:
     return float(solution.lower), float(solution.upper)
 
 
-# ---- what is checked -----------------------------------------------------------------------------
+# ---- checks --------------------------------------------------------------------------------------
 
 
 def _checked(made: Made, others: list[Made], folder: Path, random: np.random.Generator, count: int) -> dict[str, Any]:
-    """The check of a certificate by the program, and of its forgeries."""
+    """Check a certificate with the standalone program, and check its forgeries."""
     content: dict[str, Any] = dict(made.certificate.content)
     file = folder / "proof.json"
     made.certificate.save(file)
@@ -177,7 +178,7 @@ def _checked(made: Made, others: list[Made], folder: Path, random: np.random.Gen
 
 
 def _by_program(file: Path) -> tuple[float, int]:
-    """CPU seconds and exit status of the checker, a program of Python's standard library alone."""
+    """Return CPU seconds and exit status of the checker, a program that needs only Python's standard library."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-I", "-S", str(_CHECKER), str(file)]
     done = subprocess.run(command, capture_output=True, env={}, check=False)
@@ -186,7 +187,7 @@ def _by_program(file: Path) -> tuple[float, int]:
 
 
 def _answer(forgery: Forgery, shapes: tuple[Any, Any], file: Path) -> str:
-    """Whether a forgery is accepted or refused; anything else that is raised, as it is."""
+    """Return whether a forgery is accepted or refused; any other exception is returned as text."""
     try:
         verify_file(_written(forgery, file), shapes=shapes if forgery.compared else ())
     except (jhd.CertificateError, ParseError):
@@ -227,7 +228,7 @@ _GROUPS = ("claims", "proofs", "shapes")
 
 
 def _range(values: list[float], digits: int = 0) -> str:
-    """The least and the largest."""
+    """Format the smallest and the largest value."""
     return f"{min(values):.{digits}f} to {max(values):.{digits}f}" if values else "-"
 
 

@@ -1,13 +1,13 @@
-"""What fraction of the distances between many letters finds the nearest ones, certified, and in what time?
+"""What fraction of the distances between many letters must be searched to certify the nearest ones, and in what time?
 
-The nearest and the five nearest among 125, 500 and 2 000 letters of DejaVu Sans of each of 500 letters of DejaVu Serif,
-drawn at random, one em high, by `jhd.nearest_shapes`: how many distances were searched for, as a share of all, and CPU
-seconds of the whole call, once compiled. Beside it all distances by `jhd.pairwise`, measured for eight of the queries
-and all shapes and scaled to all queries.
+`jhd.nearest_shapes` finds the nearest and the five nearest among 125, 500 and 2 000 letters of DejaVu Sans for each of
+500 letters of DejaVu Serif, drawn at random, one em high. Measured are the number of searched distances, as a fraction
+of all distances, and CPU seconds of the whole call, once compiled. For comparison, `jhd.pairwise` computes all
+distances of eight queries; its time is scaled to all queries.
 
 Claims: the nearest of 2 000 takes at most 0.3 per cent of the distances and ten CPU seconds, the five nearest one per
-cent; the share falls with the number of shapes. Both are what all distances of the eight queries say, within the proven
-bounds, and whatever these prove to be among the nearest is there or named as a tie.
+cent; the fraction falls as the number of shapes grows. Both results agree with all distances of the eight queries,
+within the proven bounds. Every shape that these distances prove to be among the nearest is found or named as a tie.
 
 Feeds: figure and table "nearest letters".
 Takes: 2 minutes.
@@ -23,14 +23,14 @@ import jhd
 
 _FONTS = ("DejaVu Serif", "DejaVu Sans")
 _QUERIES, _SIZES, _COUNTS = 500, (125, 500, 2000), (1, 5)
-# Queries whose distances are all computed.
+# Number of queries with all distances computed.
 _CHECKED = 8
-# Letters whose neighbors are drawn, and how many of these.
+# Letters in the figure, and their number of neighbors.
 _SHOWN, _NEIGHBORS = "gR&", 4
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     fonts, sizes = (SMALL, (8, 24)) if run.smoke else (_FONTS, _SIZES)
     first, second = (glyphs_of([font], run.smoke) for font in fonts)
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def _search(queries: Glyphs, shapes: Glyphs, size: int, k: int, every: jhd.Pairwise) -> dict[str, Any]:
-    """One search among the first shapes, with the comparison with all distances of the first queries."""
+    """Search among the first `size` shapes, and compare with all distances of the first queries."""
     found, spent = staged(lambda told: jhd.nearest_shapes(queries.curves, shapes.curves[:size], k, progress=told))
     value, lower, upper = (np.sort(x[:, :size], axis=1)[:, :k] for x in (every.value, every.lower, every.upper))
     some = slice(_CHECKED)
@@ -75,12 +75,12 @@ def _search(queries: Glyphs, shapes: Glyphs, size: int, k: int, every: jhd.Pairw
 
 
 def _surely(lower: np.ndarray, upper: np.ndarray, k: int) -> set[int]:
-    """The shapes that all distances prove to be among the k nearest: fewer than k others may be as near."""
+    """Return the shapes proven to be among the k nearest: fewer than k others may be as near."""
     return {j for j in np.argsort(upper)[:k].tolist() if np.sum(lower <= upper[j]) <= k}
 
 
 def _shown(first: Glyphs, shapes: Glyphs, letters: list[str]) -> dict[str, Any]:
-    """Some letters with their nearest shapes, for the picture."""
+    """Return some letters with their nearest shapes, for the picture."""
     queries = first.take([first.letters.index(letter) for letter in letters])
     found = jhd.nearest_shapes(queries.curves, shapes.curves, _NEIGHBORS)
     return {

@@ -1,4 +1,4 @@
-"""What all experiments share: arguments, the compile cache, timing, and files with their origin.
+"""Shared parts of all experiments: arguments, the compile cache, timing, and files that record their origin.
 
 An experiment NAME.py writes NAME.json (every number, full precision) and NAME.md (the table to read).
 """
@@ -30,7 +30,7 @@ from jhd.io import load_shape
 
 _HERE = Path(__file__).resolve().parent
 _PACKAGES = ("jhd", "jax", "equinox", "optimistix", "numpy", "scipy")
-# What some experiments compare with; those that are not installed are left out there.
+# Libraries that some experiments compare with; an experiment skips a library if it is not installed.
 _PEERS = (
     "shapely",
     "trimesh",
@@ -45,14 +45,14 @@ _PEERS = (
 
 
 class Run:
-    """One run of an experiment: its options, its random numbers and where its files go.
+    """One run of an experiment: its options, its random numbers and the folder of its files.
 
     Args:
         file: the experiment's `__file__`.
         text: its docstring, shown by --help.
-        one_core: whether the process is kept on one core, where speeds are compared; not in a smoke run.
-        meshes: whether it takes files of meshes, in place of those that it generates.
-        pair: the kind of the two shapes that it takes in place of its own, if it does.
+            one_core: whether to keep the process on one core, to compare speeds; ignored in a smoke run.
+            meshes: whether the experiment accepts mesh files instead of the meshes that it generates.
+            pair: type of the two shapes that the user can pass instead of the built-in ones; None if unsupported.
     """
 
     def __init__(
@@ -73,35 +73,35 @@ class Run:
         self.name = self.file.stem
         self.smoke: bool = options.smoke
         self.seed: int = options.seed
-        # What was asked for besides what is usual; figures compare it with what they are asked for.
+        # Options that differ from the defaults; a figure compares them with its own options.
         self.asked = common_parameters.asked(options)
         self.names = vars(sys.modules["__main__"])
         try:
             common_parameters.change(self.names, options.set)
         except ValueError as error:
             parser.error(str(error))
-        # Numbers of a smoke run, or of what was asked for, must never stand where the full ones are looked for.
+        # Numbers of a smoke run, or of a run with other options, must never overwrite those of a full run.
         part = Path("smoke" if options.smoke else "", "asked" if self.asked else "")
         self.folder: Path = options.out or _HERE / "output" / part
         self.random = np.random.default_rng(options.seed)
         self.started = time.perf_counter()
-        # What is run, not what stands there when the run ends.
+        # Recorded now, since the files may change before the run ends.
         self.code = common_origin.code_of(self.file)
         _use_cache()
         self.cores = _keep_to_one_core() if one_core and not options.smoke else os.cpu_count()
 
     @property
     def options(self) -> dict[str, Any] | None:
-        """Options for programs of an experiment: a short run compiles quickly what it calls a few times."""
+        """Compiler options for an experiment's functions; in a smoke run they compile fast, since calls are few."""
         return _options(0) if self.smoke else None
 
     def warm(self, action: Callable[[], Any]) -> None:
-        """Calls what is measured afterwards, so that it is compiled; a short run compiles within what it measures."""
+        """Call `action` before it is measured, so that it is compiled; a smoke run skips this call."""
         if not self.smoke:
             jax.block_until_ready(action())
 
     def save(self, numbers: dict[str, Any], table: str) -> None:
-        """Writes NAME.json and NAME.md, prints the table, and asserts what the experiment claims of its own shapes."""
+        """Write NAME.json and NAME.md, print the table, and assert the claims if the inputs are the defaults."""
         self.folder.mkdir(parents=True, exist_ok=True)
         content = {"context": self.context(), **plain(numbers)}
         (self.folder / f"{self.name}.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -111,7 +111,7 @@ class Run:
             claims.check(self.name, content)
 
     def context(self) -> dict[str, Any]:
-        """Where the numbers come from."""
+        """Return the origin of the numbers."""
         return {
             "experiment": self.name,
             "smoke": self.smoke,
@@ -129,7 +129,7 @@ class Run:
 
 
 def _versions() -> dict[str, str]:
-    """The versions of what is used, and of what is compared with where it is installed."""
+    """Return the versions of the packages used, and of each peer library if it is installed."""
     found = {name: version(name) for name in _PACKAGES}
     for name in _PEERS:
         with suppress(PackageNotFoundError):
@@ -138,17 +138,17 @@ def _versions() -> dict[str, str]:
 
 
 def _use_cache() -> None:
-    """JAX's persistent compile cache, so that a second run compiles nothing; beside jhd's programs by default."""
+    """Enable JAX's persistent compile cache (default: next to jhd's cache), so that a second run compiles nothing."""
     ours = chosen_folder()
     folder = os.environ.get("JAX_COMPILATION_CACHE_DIR") or (None if ours is None else str(ours / "jax"))
     jax.config.update("jax_compilation_cache_dir", folder)
-    # Of any program, unless the environment says how long one must take to compile.
+    # Keep every compiled function, unless the environment sets a minimum compile time.
     least = os.environ.get("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     jax.config.update("jax_persistent_cache_min_compile_time_secs", float(least))
 
 
 def _keep_to_one_core() -> int | None:
-    """Keeps this process on one core where the system can; returns the number of cores it may use."""
+    """Keep this process on one core if the system supports it; return the number of cores it may use."""
     if not hasattr(os, "sched_setaffinity"):
         return os.cpu_count()
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -156,7 +156,7 @@ def _keep_to_one_core() -> int | None:
 
 
 def plain(value: Any) -> Any:
-    """Numbers, names, lists and dictionaries of anything an experiment finds; non-finite numbers are None."""
+    """Convert results to plain numbers, names, lists and dictionaries; non-finite numbers become None."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -165,7 +165,7 @@ def plain(value: Any) -> Any:
 
 
 def seconds(function: Callable[[], Any], repeats: int) -> float:
-    """Median wall time of so many calls, after one that is not counted; with none of them, of this one."""
+    """Return the median wall time of `repeats` calls after an uncounted one; if `repeats` is 0, time that one."""
     times = []
     for _ in range(repeats + 1):
         start = time.perf_counter()
@@ -175,14 +175,14 @@ def seconds(function: Callable[[], Any], repeats: int) -> float:
 
 
 def bounds_text(lower: float, upper: float, digits: int) -> tuple[str, str]:
-    """Both bounds of a number with so many digits, rounded outward, so that what is printed is still proven."""
+    """Format both bounds with `digits` digits, rounded outward, so that the printed bounds are still proven."""
     ways = (lower, ROUND_FLOOR), (upper, ROUND_CEILING)
     low, high = (Context(prec=digits, rounding=way).create_decimal_from_float(float(x)) for x, way in ways)
     return f"{low.normalize()}", f"{high.normalize()}"
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table in Markdown, columns aligned."""
+    """Format a Markdown table with aligned columns."""
     cells = [list(header), *([str(cell) for cell in row] for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
     padded = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in cells]
@@ -191,7 +191,7 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def _without_folder(options: list[str]) -> list[str]:
-    """A command without where its results go, which is of the machine and not of the experiment."""
+    """Remove `--out` from a command: the folder depends on the machine, not on the experiment."""
     kept: list[str] = []
     for before, option in zip(["", *options], options, strict=False):
         if before != "--out" and option != "--out" and not option.startswith("--out="):

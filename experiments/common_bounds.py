@@ -1,4 +1,4 @@
-"""Upper bounds of the distance over a cell, in NumPy and one cell at a time: what the package's bound is compared with.
+"""Upper bounds of the distance over a cell, in NumPy and one cell at a time, to compare with the package's bound.
 
 A segment is an array (points, dim + 1) of homogeneous Bernstein coefficients, the weight last. A cell is a parameter
 interval of one segment a, with the parameter of a foot on one segment b at each end. Plain arithmetic: no outward
@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Samples of b among which feet are looked for, and Newton steps that polish one.
+# Samples of b in the search for feet, and Newton steps that polish a foot.
 _SAMPLES, _NEWTON = 128, 8
-# Samples of a cell among which its peak is looked for, and golden sections that place a crossing to the last digit.
+# Samples of a cell in the search for its peak, and golden sections that find a crossing to the last digit.
 _NODES, _SECTIONS = 33, 75
 
 
@@ -34,13 +34,13 @@ class Foot(NamedTuple):
 
 
 def homogeneous(points: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
-    """Control points (points, dim) with their weights in the homogeneous form used here."""
+    """Convert control points (points, dim) and weights to the homogeneous form used here."""
     weights = np.ones(len(points)) if weights is None else weights
     return np.column_stack([points * weights[:, None], weights])
 
 
 def jet(curve: np.ndarray, t: float) -> np.ndarray:
-    """Point, first and second derivative at t, in rows."""
+    """Return point, first and second derivative at t, in rows."""
     n, levels = len(curve) - 1, [curve]
     while len(levels[-1]) > 1:
         levels.append((1 - t) * levels[-1][:-1] + t * levels[-1][1:])
@@ -52,7 +52,7 @@ def jet(curve: np.ndarray, t: float) -> np.ndarray:
 
 
 def restrict(curve: np.ndarray, t0: float, t1: float) -> np.ndarray:
-    """The part [t0, t1]: coefficient i is the blossom at n - i times t0 and i times t1."""
+    """Return the part [t0, t1]: coefficient i is the blossom at n - i times t0 and i times t1."""
     found = []
     for i in range(len(curve)):
         rows = curve
@@ -68,14 +68,14 @@ def _binomials(n: int) -> np.ndarray:
 
 
 def multiply(f: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """Bernstein coefficients of the products of a scalar f with the columns of g."""
+    """Return the Bernstein coefficients of the products of a scalar f with the columns of g."""
     n, m = len(f) - 1, len(g) - 1
     scaled_f, scaled_g = _binomials(n)[:, 0] * f, _binomials(m) * g
     return np.stack([np.convolve(scaled_f, column) for column in scaled_g.T], axis=1) / _binomials(n + m)
 
 
 def feet(b: np.ndarray, point: np.ndarray) -> tuple[float, float]:
-    """The parameter of the nearest point of b, and its distance: the minima of samples, polished."""
+    """Return the parameter of the nearest point of b and its distance: the minima of samples, polished."""
     grid, offsets = _sampled(b.tobytes(), b.shape)
     d = np.linalg.norm(offsets - point, axis=1)
     wide = np.pad(d, 1, constant_values=np.inf)
@@ -87,14 +87,14 @@ def feet(b: np.ndarray, point: np.ndarray) -> tuple[float, float]:
 
 @lru_cache
 def _sampled(content: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters and points of a curve, kept for the next call."""
+    """Return sampled parameters and points of a curve, cached for the next call."""
     curve = np.frombuffer(content).reshape(shape)
     grid = np.linspace(0.0, 1.0, _SAMPLES + 1)
     return grid, np.array([jet(curve, s)[0] for s in grid])
 
 
 def _polished(point: np.ndarray, velocity: np.ndarray, b: np.ndarray, s: float) -> Foot:
-    """The local foot near s of a point, and its speed when the point moves with this velocity."""
+    """Return the local foot near s of a point, and its speed when the point moves with this velocity."""
     speed = 0.0
     for _ in range(_NEWTON):
         at, first, second = jet(b, s)
@@ -106,7 +106,7 @@ def _polished(point: np.ndarray, velocity: np.ndarray, b: np.ndarray, s: float) 
 
 
 def _followed(a: np.ndarray, b: np.ndarray, cell: Interval, from_left: bool) -> tuple[Foot, Foot]:
-    """The feet at both ends of a cell on the branch that starts from its foot at one of them."""
+    """Return the feet at both ends of a cell on the branch that starts from its foot at one end."""
     start, stop, s = (cell.t0, cell.t1, cell.s0) if from_left else (cell.t1, cell.t0, cell.s1)
     point, velocity, _ = jet(a, start)
     near = _polished(point, velocity, b, s)
@@ -116,7 +116,7 @@ def _followed(a: np.ndarray, b: np.ndarray, cell: Interval, from_left: bool) -> 
 
 
 def _sigma(kind: str, ends: tuple[Foot, Foot], width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bernstein coefficients of the map into b and of its complement; of a Moebius map, times its denominator."""
+    """Bernstein coefficients of the map into b and of its complement; if Moebius, times its denominator."""
     (s0, v0), (s1, v1) = ends
     if kind == "cubic":
         sigma = np.array([s0, *np.clip([s0 + v0 * width / 3, s1 - v1 * width / 3], 0.0, 1.0), s1])
@@ -128,7 +128,7 @@ def _sigma(kind: str, ends: tuple[Foot, Foot], width: float) -> tuple[np.ndarray
 
 
 def _composed(b: np.ndarray, sigma: np.ndarray, complement: np.ndarray) -> np.ndarray:
-    """Homogeneous coefficients of b(sigma(u)), by de Casteljau's algorithm on polynomials."""
+    """Compute the homogeneous coefficients of b(sigma(u)) by de Casteljau's algorithm on polynomials."""
     rows = [c[None] for c in b]
     while len(rows) > 1:
         pairs = zip(rows[:-1], rows[1:], strict=True)
@@ -155,7 +155,7 @@ def branches(a: np.ndarray, b: np.ndarray, cell: Interval, kind: str) -> list[np
 
 
 def squared(e: np.ndarray) -> np.ndarray:
-    """Coefficients between which |A - B(sigma)|^2 lies."""
+    """Coefficients whose range encloses |A - B(sigma)|^2."""
     squares = sum(multiply(x, x[:, None]) for x in e[:, :-1].T)
     return (squares / multiply(e[:, -1], e[:, -1:]))[:, 0]
 
@@ -167,14 +167,14 @@ def lipschitz(a: np.ndarray, cell: Interval, middle: float) -> float:
 
 
 def one_branch(pair: list[np.ndarray]) -> float:
-    """The better of the two branches, each by its largest coefficient."""
+    """Return the smaller bound of the two branches, each bounded by its largest coefficient."""
     return min(float(np.sqrt(np.max(squared(e)))) for e in pair)
 
 
 def combined(pair: list[np.ndarray]) -> float:
-    """The least over lambda in [0, 1] of the largest coefficient of lambda D_X + (1 - lambda) D_Y (polynomial curves).
+    """Minimize the largest coefficient of lambda D_X + (1 - lambda) D_Y over lambda in [0, 1] (polynomial curves).
 
-    The largest of straight lines in lambda is lowest at an end or where two of them cross: all of these are tried.
+    The maximum of straight lines in lambda is lowest at an end or at a crossing of two lines: all of these are tried.
     """
     f, g = (squared(e) for e in pair)
     rise, (i, j) = f - g, np.triu_indices(len(f), 1)
@@ -185,10 +185,10 @@ def combined(pair: list[np.ndarray]) -> float:
 
 
 def split_at_peak(pair: list[np.ndarray]) -> float:
-    """Both branches split where the smaller of them is largest: the package's bound, with any map and no rounding.
+    """Split both branches at the peak of their minimum: the package's bound, with any map and no rounding.
 
-    Golden sections find a crossing; from there a Newton step on either branch finds a smooth top. All three places give
-    a bound, and the least is taken.
+    Golden sections find a crossing; from there a Newton step on either branch finds a smooth top. All three parameters
+    give a bound, and the smallest one is returned.
     """
     nodes = np.linspace(0.0, 1.0, _NODES)
     k = int(np.argmax([_height(pair, u) for u in nodes]))

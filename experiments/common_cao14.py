@@ -1,4 +1,4 @@
-"""The two examples of Cao et al. 2014, rebuilt with data of our own: curves, the steps of the method, the table.
+"""The two examples of Cao et al. 2014, rebuilt with data of our own: curves, steps of the method, table.
 
 The source prints no control points. These curves are of the same kind and size (millimeters, 90 control points).
 """
@@ -13,7 +13,7 @@ from common_curves import directed_reference
 
 import jhd
 
-# Both curves are a mean radius (mm), a stretch in x, waves (number, share of the radius, phase), an offset and a turn.
+# Each curve: mean radius (mm), stretch in x, waves (number, fraction of the radius, phase), offset and turn.
 _RINGS = {
     "example_1_b": (110.0, 1.25, ((2, 0.10, 0.3), (3, 0.22, 1.1), (5, 0.12, 2.0), (8, 0.05, 0.5)), (0.0, 0.0), 0.0),
     "example_2_a": (105.0, 1.20, ((2, 0.20, 1.3), (3, 0.14, 2.9), (4, 0.10, 0.2), (7, 0.06, 1.0)), (15.0, 5.0), 0.4),
@@ -23,7 +23,7 @@ _OPEN = ((-70, -70), (-60, 150), (0, 170), (40, -60), (120, -200), (400, -200), 
 
 
 def ring(name: str, count: int) -> jhd.BSplineCurve:
-    """A closed uniform cubic B-spline with this many control points."""
+    """Return a closed uniform cubic B-spline with this many control points."""
     radius, stretch, waves, offset, turn = _RINGS[name]
     angle = 2 * np.pi * np.arange(count) / count
     r = radius * (1 + sum(share * np.cos(number * angle + phase) for number, share, phase in waves))
@@ -33,21 +33,21 @@ def ring(name: str, count: int) -> jhd.BSplineCurve:
 
 
 def open_curve() -> jhd.BezierCurve:
-    """An open Bezier curve of degree six that starts inside the closed one and leaves it."""
+    """Return an open Bezier curve of degree six that starts inside the closed curve and leaves it."""
     return jhd.BezierCurve(_OPEN)
 
 
 class Example:
     """Curves a and b, sampled and solved step by step.
 
-    Both curves are padded to one number of segments, by repeating the last, so that both directions and every
-    interval run one compiled program; the point sets are unchanged.
+    Both curves are padded to one number of segments, by repeating the last one. So both directions and every
+    interval run one compiled function; the point sets are unchanged.
 
     Args:
-        a: the curve that is sampled.
-        b: the other curve.
-        samples: steps in each segment of a.
-        method: of the exact distances.
+            a: the sampled curve.
+            b: the other curve.
+            samples: steps in each segment of a.
+            method: method of the exact distances.
     """
 
     def __init__(self, a: jhd.BezierSegments, b: jhd.BezierSegments, samples: int, method: jhd.published.TwoStep):
@@ -57,16 +57,16 @@ class Example:
         self.t = np.arange(a.count * samples + (not self.closed)) / samples
         self.points = np.asarray(_at(a, self.t))
         self.stationary = jhd.stationary_points(self.points, b)
-        # Not the nearest of the stationary points: a foot may be a corner or an end.
+        # The nearest stationary point would not do: a foot may be a corner or an end.
         nearest = jhd.project(self.points, b)
         self.distance, self.feet = np.asarray(nearest.distance), np.asarray(nearest.foot)
 
     def directed(self, a: jhd.BezierSegments, b: jhd.BezierSegments) -> jhd.HausdorffSolution:
-        """The directed distance of padded curves."""
+        """Return the directed distance of padded curves."""
         return jhd.directed_hausdorff(a.pad(self.count), b.pad(self.count), self.method)
 
     def peaks(self) -> np.ndarray:
-        """Samples not below their neighbors ("small-large-small"), largest first; ends of a are no peaks."""
+        """Find samples not below their neighbors ("small-large-small"), largest first; ends of a are no peaks."""
         d = self.distance
         left, right = np.roll(d, 1), np.roll(d, -1)
         inner = np.ones(len(d), bool)
@@ -75,7 +75,7 @@ class Example:
         return found[np.argsort(-d[found])]
 
     def candidate(self, k: int) -> dict[str, Any]:
-        """One peak: the sample, its neighbors, their feet, and the maximum between them."""
+        """Describe the peak at sample k: the sample, its neighbors, and the maximum between them."""
         around = [(k - 1) % len(self.t), k, (k + 1) % len(self.t)]
         solution = self.directed(self._stretch(around), self.b)
         steps = float(solution.witness.element + solution.witness.t)
@@ -89,7 +89,7 @@ class Example:
         }
 
     def _stretch(self, around: list[int]) -> jhd.BezierSegments:
-        """The part of a from the first to the last of three samples in a row."""
+        """Return the part of a from the first to the last of three consecutive samples."""
         step = self.t[1] - self.t[0]
         parts = []
         for start in self.t[around[:2]]:
@@ -99,7 +99,7 @@ class Example:
         return jhd.BezierSegments.join(parts)
 
     def record(self, shown: int, candidates: int, unit: str = "mm") -> dict[str, Any]:
-        """All numbers: samples, stationary points of sample `shown`, candidates and both directed distances.
+        """Collect all numbers: samples, stationary points of sample `shown`, candidates and both directed distances.
 
         Samples are numbered from one, as in the source.
         """
@@ -126,12 +126,12 @@ class Example:
 
 
 def _at(curve: jhd.BezierSegments, t: np.ndarray) -> jax.Array:
-    """Points at global parameters."""
+    """Return the points at global parameters."""
     return curve(jnp.asarray(t))
 
 
 def checked(solution: jhd.HausdorffSolution, a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
-    """A solution beside the reference, and its error in units of the coordinates and of the size of the pair."""
+    """Return a solution with its reference value, and its error in units of the coordinates and of the pair's size."""
     points = [np.asarray(curve.control_points) for curve in (a, b)]
     both = np.concatenate([p.reshape(-1, 2) for p in points])
     size = float(np.linalg.norm(both.max(axis=0) - both.min(axis=0)))
@@ -142,7 +142,7 @@ def checked(solution: jhd.HausdorffSolution, a: jhd.BezierSegments, b: jhd.Bezie
 
 
 def table(record: dict[str, Any]) -> str:
-    """Both directed distances and the candidates, lengths to 1e-10."""
+    """Format both directed distances and the candidates, lengths to 1e-10."""
     record = plain(record)
     unit = f" ({record['unit']})" if record["unit"] else ""
     rows = [

@@ -1,4 +1,4 @@
-"""Random shapes of every kind that has certificates, and places of a shape as certificates hold it, in NumPy."""
+"""Random shapes of every kind that has certificates, and points on them as certificates name them, in NumPy."""
 
 from itertools import product
 from math import comb
@@ -8,23 +8,23 @@ import numpy as np
 
 import jhd
 
-# Parameters along each axis of a piece at which there are places, and nodes along an edge of a surface's box.
+# Sampled parameters along each axis of a piece, and nodes along an edge of a surface's box.
 _SAMPLES, _NODES = 17, 13
-# Halvings of an edge between nodes on which a polynomial changes its sign.
+# Halvings of an edge between nodes if a polynomial changes its sign on it.
 _HALVINGS = 20
 # Weights of rational shapes.
 _WEIGHTS = 0.5, 2.0
 
 
 class Places(NamedTuple):
-    """Places of a shape as a certificate names them, and their points (places, dim)."""
+    """Locations on a shape as a certificate names them, and their points (locations, dim)."""
 
     names: list[dict[str, Any]]
     points: np.ndarray
 
 
 def drawn(kind: str, random: np.random.Generator, height: float, rational: bool) -> Any:
-    """A shape over the unit square (in the plane: in it), about a height; weights where the kind has them."""
+    """Draw a shape over the unit square (in the plane: in it), about a height; with weights if it is rational."""
     plane = kind.startswith("plane")
     sizes = {"points": (5,), "curve": (4,), "patch": (3, 3), "mesh": (3, 3)}
     if kind == "surface":
@@ -45,7 +45,7 @@ def drawn(kind: str, random: np.random.Generator, height: float, rational: bool)
 
 
 def _surface(random: np.random.Generator, height: float) -> jhd.ImplicitSurface:
-    """The graph of a quadratic over the square."""
+    """Draw the graph of a quadratic over the square."""
     rows = np.zeros((3, 3, 2))
     rows[0, 0] = -height, 1.0
     for i, j in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)):
@@ -53,11 +53,11 @@ def _surface(random: np.random.Generator, height: float) -> jhd.ImplicitSurface:
     return jhd.ImplicitSurface(rows, [0.0, 0.0, height - 0.6], [1.0, 1.0, height + 0.6])
 
 
-# ---- places --------------------------------------------------------------------------------------
+# ---- locations -----------------------------------------------------------------------------------
 
 
 def places(plain: dict[str, Any]) -> Places:
-    """Even parameters of every piece; of a polynomial surface changes of sign along the edges of a grid."""
+    """Sample a shape at even parameters of every piece; if implicit, at sign changes along the edges of a grid."""
     if plain["kind"] == "surface":
         return _zeros(plain)
     t = np.linspace(0.0, 1.0, _SAMPLES)
@@ -77,7 +77,7 @@ def places(plain: dict[str, Any]) -> Places:
 
 
 def _values(plain: dict[str, Any], t: np.ndarray) -> np.ndarray:
-    """Points of curves or patches at parameters t along each axis, (pieces, places of a piece, dim)."""
+    """Evaluate curves or patches at parameters t along each axis, (pieces, points of a piece, dim)."""
     rows = np.array(plain["control_points"], dtype=float)
     weights = np.ones(rows.shape[:-1]) if plain["weights"] is None else np.array(plain["weights"], dtype=float)
     rows = np.concatenate([rows * weights[..., None], weights[..., None]], axis=-1)
@@ -104,7 +104,7 @@ def _zeros(plain: dict[str, Any]) -> Places:
 
 
 def changes(plain: dict[str, Any], first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of short parts of segments, on which a polynomial changes its sign as it does on the whole."""
+    """Shorten segments on which a polynomial changes its sign, and return the ends of the short ones."""
     for _ in range(_HALVINGS):
         middle = (first + last) / 2
         same = (value(plain, first) * value(plain, middle) > 0)[:, None]
@@ -113,13 +113,13 @@ def changes(plain: dict[str, Any], first: np.ndarray, last: np.ndarray) -> tuple
 
 
 def value(plain: dict[str, Any], points: np.ndarray) -> np.ndarray:
-    """The polynomial of a surface at points (..., 3)."""
+    """Evaluate the polynomial of an implicit surface at points (..., 3)."""
     x, y, z = np.moveaxis(points, -1, 0)
     return np.polynomial.polynomial.polyval3d(x, y, z, np.array(plain["coefficients"], float))
 
 
 def sampled(a: Places, b: Places) -> dict[str, float]:
-    """Every distance that a claim may be about, of the places alone."""
+    """Compute every distance that a claim may concern, from the sampled points alone."""
     gaps = np.linalg.norm(a.points[:, None] - b.points, axis=-1)
     there, back = float(gaps.min(axis=1).max()), float(gaps.min(axis=0).max())
     return {"a_to_b": there, "b_to_a": back, "two_sided": max(there, back), "minimum": float(gaps.min())}

@@ -1,4 +1,4 @@
-"""What experiments on many shapes share: letters of whole fonts, programs compiled before, CPU by stage."""
+"""Shared parts of experiments on many shapes: letters of whole fonts, compilation in advance, CPU time by stage."""
 
 import os
 import time
@@ -11,26 +11,26 @@ import jhd
 import jhd.io
 
 FAMILIES = ("DejaVu Sans", "DejaVu Serif", "DejaVu Sans Mono")
-# Small fonts for small runs, of which those letters are taken that one program measures.
+# Small fonts for smoke runs, which use only letters that fit one compiled function.
 SMALL = ("STIXSizeOneSym", "STIXSizeTwoSym")
 _SMALL_SEGMENTS = 16
-# Numbers of segments up to which one program serves; two shapes of each are enough to compile all programs.
+# Largest number of segments of each compiled function; two shapes of each size suffice to compile all functions.
 _SIZES = (16, 48, 192, 768)
 
 
 class Glyphs(NamedTuple):
-    """Outlines of letters, in ems, and the letters."""
+    """Letters and their outlines, in ems."""
 
     letters: list[str]
     curves: list[jhd.BezierSegments]
 
     def take(self, index: Sequence[int] | np.ndarray) -> "Glyphs":
-        """Some of them."""
+        """Return the glyphs at these indices."""
         return Glyphs([self.letters[k] for k in index], [self.curves[k] for k in index])
 
 
 def glyphs_of(fonts: Sequence[str], small: bool = False) -> Glyphs:
-    """The letters of fonts whose outline comes once in its font; in a small run those of few segments alone."""
+    """Return the letters of fonts, each outline once per font; if `small`, only those of few segments."""
     seen: dict[tuple[str, bytes], tuple[str, jhd.BezierSegments]] = {}
     for font in fonts:
         for letter, curve in jhd.io.load_glyphs(font, size=1.0).items():
@@ -41,12 +41,12 @@ def glyphs_of(fonts: Sequence[str], small: bool = False) -> Glyphs:
 
 
 def between(glyphs: Glyphs, least: int, most: int) -> Glyphs:
-    """Those with so many segments."""
+    """Return the glyphs of `least` to `most` segments."""
     return glyphs.take([k for k, curve in enumerate(glyphs.curves) if least <= curve.count <= most])
 
 
 def compile_for(*collections: Sequence[jhd.BezierSegments]) -> None:
-    """Compiles what calls on these curves need: a call on two of each size."""
+    """Compile the functions for calls on these curves, by a call on two curves of each size."""
     some: list[jhd.BezierSegments] = []
     for curves in collections:
         for low, high in zip((0, *_SIZES), _SIZES, strict=False):
@@ -55,7 +55,7 @@ def compile_for(*collections: Sequence[jhd.BezierSegments]) -> None:
 
 
 class Spent(NamedTuple):
-    """CPU seconds of a call in this process: of pivot distances, of the rest, and of all; and its wall time."""
+    """CPU seconds of a call in this process (pivot distances, the rest, the total), and its wall time."""
 
     pivots: float
     rest: float
@@ -64,7 +64,7 @@ class Spent(NamedTuple):
 
 
 def staged(call: Callable[[Callable[[Any], None]], Any]) -> tuple[Any, Spent]:
-    """The result of a call that takes `progress`, and what it spent."""
+    """Return the result of a call that takes `progress`, and the time it spent."""
     start, wall = time.process_time(), time.perf_counter()
     marks = [start]
 
@@ -78,5 +78,5 @@ def staged(call: Callable[[Callable[[Any], None]], Any]) -> tuple[Any, Spent]:
 
 
 def load() -> float | None:
-    """How many processes wanted to run in the last minute, where the system says."""
+    """Return the load average of the last minute, or None if the system does not report it."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else None

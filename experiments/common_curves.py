@@ -1,4 +1,4 @@
-"""Plane curves in NumPy alone: samples, and a reference for distances that shares nothing with the package.
+"""Plane curves in NumPy alone: samples, and a reference for distances that uses no code of the package.
 
 A curve is an array of Bezier control points (segments, points, 2); its global parameter runs over [0, segments]. The
 reference is no proof: it samples densely, polishes every foot and climbs to the top of every maximum in sight.
@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 # Samples of a segment in the search for feet, and of a whole curve in the search for maxima.
 _FEET, _MAXIMA = 64, 40_000
-# Maxima of the samples that are climbed; the largest one wins by more than the samples err.
+# Number of sampled maxima to climb; the largest one wins by more than the error of the samples.
 _CLIMBED = 6
 # Golden sections leave 1e-16 of a bracket.
 _SECTIONS = 78
@@ -19,20 +19,20 @@ _NEWTON = 12
 
 
 def basis(degree: int, t: np.ndarray) -> np.ndarray:
-    """The Bernstein polynomials in a new last axis."""
+    """Return the Bernstein polynomials in a new last axis."""
     i = np.arange(degree + 1)
     return np.array([comb(degree, k) for k in i]) * t[..., None] ** i * (1 - t[..., None]) ** (degree - i)
 
 
 def evaluate(curve: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Points at global parameters of any shape."""
+    """Return the points at global parameters of any shape."""
     t = np.asarray(t, dtype=float)
     segment = np.clip(np.floor(t).astype(int), 0, len(curve) - 1)
     return np.einsum("...i,...id->...d", basis(curve.shape[1] - 1, t - segment), curve[segment])
 
 
 def sample(curve: np.ndarray, count: int) -> np.ndarray:
-    """Points at `count` equal steps of every segment, both ends of the curve included."""
+    """Return points at `count` equal steps of every segment, both ends of the curve included."""
     return evaluate(curve, np.linspace(0, len(curve), len(curve) * count + 1))
 
 
@@ -47,13 +47,13 @@ class Feet:
         self.spacing = np.max(np.linalg.norm(np.diff(self.points, axis=1), axis=-1))
 
     def distance(self, point: np.ndarray) -> float:
-        """Distance of one point: every local minimum of the samples that may matter is polished."""
+        """Return the distance of one point; each local minimum of the samples that may matter is polished."""
         d = np.linalg.norm(self.points - point, axis=-1)
         wide = np.pad(d, ((0, 0), (1, 1)), constant_values=np.inf)
         low = (d <= wide[:, :-2]) & (d <= wide[:, 2:]) & (d <= d.min() + self.spacing)
         segment, index = np.nonzero(low)
         s = self._polish(point, self.curve[segment], self.s[index])
-        # Newton's method may leave; then the sample itself stands.
+        # If Newton's method diverges, the sample itself counts.
         found = np.concatenate([self._lengths(point, self.curve[segment], s), d[low]])
         return float(found.min())
 
@@ -74,7 +74,7 @@ class Feet:
 
 
 def directed_reference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """Directed Hausdorff distance from a to b and its global parameter on a, to about 1e-14 of the size."""
+    """Return the directed Hausdorff distance from a to b and its global parameter on a, to about 1e-14 of the size."""
     feet = Feet(b)
     t = np.linspace(0, len(a), len(a) * (_MAXIMA // len(a)) + 1)
     d = KDTree(sample(b, _MAXIMA // len(b))).query(evaluate(a, t))[0]
@@ -87,7 +87,7 @@ def directed_reference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 
 
 def _climb(a: np.ndarray, feet: Feet, low: float, high: float) -> tuple[float, float]:
-    """Golden sections towards a maximum, smooth or not."""
+    """Climb to a maximum, smooth or not, by golden sections."""
     golden = (sqrt(5) - 1) / 2
 
     def at(t: float) -> tuple[float, float]:
@@ -107,5 +107,5 @@ def _climb(a: np.ndarray, feet: Feet, low: float, high: float) -> tuple[float, f
 
 
 def sampled_directed(a: np.ndarray, b: np.ndarray) -> float:
-    """The largest distance from rows of a to the nearest row of b, by a k-d tree: what is done without curves."""
+    """Largest distance from rows of a to the nearest row of b, by a k-d tree: the usual way without curves."""
     return float(KDTree(b).query(a)[0].max())

@@ -1,10 +1,10 @@
-"""Certificates that must be refused: each differs from a true one in what makes its claim, or a part of it, false.
+"""Certificates that must be refused: each differs from a true one so that its claim, or a part of it, is false.
 
-Three groups. `claims`: bounds beyond a distance that is known otherwise, from the last digit upward, of the other
-direction and of other pairs. `proofs`: cells of the cover that are gone or stand twice, and cells, feet, planes and
-witnesses of which something false is said, at a place where that is seen. `shapes`: numbers of the shapes, so that the
-hash is wrong, the shapes are not those at hand, or the claim is false of them. A change that leaves a proof a proof (a
-foot moved by a digit, say) is none of them.
+Three groups. `claims`: bounds that contradict a distance known otherwise, from the last digit upward, and bounds of the
+other direction or of other pairs. `proofs`: missing or repeated cells of the cover, and false statements about cells,
+feet, planes and witnesses that a sampled point contradicts. `shapes`: changed numbers of the shapes, so that the hash
+is wrong, the shapes differ from the user's, or the claim is false. If a change leaves the proof valid (for example, a
+foot moved by one digit), it is no forgery.
 """
 
 import json
@@ -21,18 +21,18 @@ from jhd._distance.certificate.verification.pieces import ExactPiece, pieces_of
 from jhd._distance.certificate.verification.proofs import point_of
 
 Content = dict[str, Any]
-# By how much more than a bound something must be, where it is seen in floating point.
+# Factor beyond a bound from which floating point shows that the bound is violated.
 _CLEARLY = 1.001
-# Shares of all forgeries that each group gets; what a group cannot give is filled up with claims.
+# Fraction of all forgeries in each group; if a group yields fewer, claims fill the gap.
 _SHARES = {"proofs": 0.3, "shapes": 0.2}
-# Draws in a row that may give nothing new, and draws of one way in all where few of them may be false.
+# Consecutive draws without a new forgery, and all draws of one kind of change if few of them may be false.
 _TRIES = 60
 _DRAWS = 2000
 _ARRAYS = ("control_points", "weights", "vertices", "coefficients", "lower", "upper")
 
 
 class Forgery(NamedTuple):
-    """What is changed, the certificate, and whether it is compared with the shapes that it was made for."""
+    """The change, the certificate, and whether to compare it with the shapes that it was made for."""
 
     group: str
     change: str
@@ -41,28 +41,28 @@ class Forgery(NamedTuple):
 
 
 class Known(NamedTuple):
-    """A true certificate, bounds of distances by the search alone, what was made of other pairs, and places."""
+    """A true certificate, distance bounds by the search alone, certificates of other pairs, and sampled points."""
 
     content: Content
-    # Of "a_to_b", "b_to_a", "two_sided" and "minimum", as far as they are known.
+    # For "a_to_b", "b_to_a", "two_sided" and "minimum", if known.
     bounds: dict[str, tuple[float, float]]
     others: Sequence[Content]
     places: dict[str, Places]
 
     @property
     def claim(self) -> dict[str, Any]:
-        """The claim."""
+        """Return the claim."""
         return self.content["claim"]
 
     @property
     def truth(self) -> tuple[float, float]:
-        """Bounds of the distance that the claim is about."""
+        """Return bounds of the claimed distance."""
         kind = self.claim["kind"]
         return self.bounds["a_to_b" if kind == "directed" else kind]
 
 
 def forgeries(known: Known, random: np.random.Generator, count: int) -> list[Forgery]:
-    """So many different ones, or fewer where there are no more."""
+    """Generate `count` different forgeries, or all of them if there are fewer."""
     found: dict[str, Forgery] = {}
     for group, share in _SHARES.items():
         _take(found, group, [way(known, random) for way in _WAYS[group]], round(share * count))
@@ -71,7 +71,7 @@ def forgeries(known: Known, random: np.random.Generator, count: int) -> list[For
 
 
 def _take(found: dict[str, Forgery], group: str, ways: list[Iterator[tuple]], count: int) -> None:
-    """Takes from all ways in turn, each as long as it gives something new."""
+    """Draw from all iterators in turn, each as long as it yields new forgeries."""
     idle, wanted = dict.fromkeys(range(len(ways)), 0), len(found) + count
     for k in cycle(range(len(ways))):
         if len(found) == wanted or min(idle.values()) > _TRIES:
@@ -88,7 +88,7 @@ def _take(found: dict[str, Forgery], group: str, ways: list[Iterator[tuple]], co
 
 
 def _above(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """Lower bounds above what the distance is at most; every other one stands alone."""
+    """Raise the lower bound above the distance; every second forgery claims the lower bound alone."""
     upper = known.truth[1]
     for k, bound in enumerate(chain([np.nextafter(upper, np.inf)], _beyond(upper, 1, random))):
         if not known.claim["lower"] > 0:
@@ -100,7 +100,7 @@ def _above(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Con
 
 
 def _below(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """Upper bounds below what the distance is at least."""
+    """Lower the upper bound below the distance; every second forgery claims the upper bound alone."""
     lower = known.truth[0]
     for k, bound in enumerate(chain([np.nextafter(lower, 0.0)], _beyond(lower, -1, random))):
         if known.claim["upper"] is None:
@@ -110,7 +110,7 @@ def _below(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Con
 
 
 def _beyond(x: float, sign: int, random: np.random.Generator) -> Iterator[float]:
-    """Numbers on one side of another, some digits away to as far again."""
+    """Yield numbers on one side of x, at distances from a few digits to half of x."""
     while True:
         bound = float(x * (1 + sign * 2.0 ** -random.uniform(1, 52)))
         if bound != x:
@@ -118,7 +118,7 @@ def _beyond(x: float, sign: int, random: np.random.Generator) -> Iterator[float]
 
 
 def _of_others(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """The claims of other pairs that are false of this one."""
+    """Yield claims of other pairs that are false for this pair."""
     for other in known.others:
         lower, upper = (other["claim"][key] for key in ("lower", "upper"))
         above = lower > known.truth[1] and known.claim["lower"] > 0
@@ -133,7 +133,7 @@ def _of_others(known: Known, random: np.random.Generator) -> Iterator[tuple[str,
 
 
 def _of_one_direction(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """What is true of one direction, or of the larger one, said of the other."""
+    """Claim for one direction a bound that holds only for the other direction or for the larger distance."""
     claim, cells = known.claim, known.content["cells"]
     least, most = known.bounds.get("b_to_a", (0.0, np.inf))
     too_high, too_low = most < claim["lower"], claim["upper"] is not None and least > claim["upper"]
@@ -150,7 +150,7 @@ def _of_one_direction(known: Known, random: np.random.Generator) -> Iterator[tup
 
 
 def _claiming(content: Content, lower: float, upper: float | None) -> Content:
-    """With these bounds, and no cell that says more than the upper one."""
+    """Replace the bounds, and limit the bound of each cell to the new upper one."""
     cells = content["cells"]
     if cells and upper is not None:
         lowered = {name: [_at_most(row, upper) for row in rows] for name, rows in cells.items()}
@@ -163,7 +163,7 @@ def _at_most(row: dict[str, Any], upper: float) -> dict[str, Any]:
 
 
 def _lower_only(content: Content) -> Content:
-    """The certificate of the lower bound alone."""
+    """Return the certificate of the lower bound alone."""
     cells, claim = content["cells"], {**content["claim"], "upper": None}
     if claim["kind"] == "minimum":
         return {**content, "claim": claim, "witness": None}
@@ -172,7 +172,7 @@ def _lower_only(content: Content) -> Content:
 
 
 def _upper_only(content: Content) -> Content:
-    """The certificate of the upper bound alone."""
+    """Return the certificate of the upper bound alone."""
     claim = {**content["claim"], "lower": 0.0}
     if claim["kind"] == "minimum":
         return {**content, "claim": claim, "cells": None}
@@ -188,14 +188,14 @@ def _exchanged(content: Content) -> Content:
 
 
 def _removed(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """Without a cell, or without several ones in a row."""
+    """Remove one cell or several consecutive cells."""
     for section, k, rows in _drawn_cells(known, random):
         last = k + int(random.choice([1, 1, 2, len(rows)]))
         yield "cells removed", _with_rows(known.content, section, rows[:k] + rows[last:])
 
 
 def _repeated(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With another cell twice in place of one."""
+    """Replace a cell by a copy of another cell."""
     for section, k, rows in _drawn_cells(known, random):
         other = int(random.integers(len(rows)))
         if rows[other] != rows[k]:
@@ -203,7 +203,7 @@ def _repeated(known: Known, random: np.random.Generator) -> Iterator[tuple[str, 
 
 
 def _far_feet(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With all feet of a cell in one place, from which a place of the cell is farther than the bound."""
+    """Move all feet of a cell to one point that is farther than the bound from a point of the cell."""
     for section, k, rows in _drawn_cells(known, random, "feet"):
         place, target = _place_in(known.content[section[0]], rows[k]), known.places[section[-1]]
         far = int(random.integers(len(target.points)))
@@ -213,7 +213,7 @@ def _far_feet(known: Known, random: np.random.Generator) -> Iterator[tuple[str, 
 
 
 def _one_foot(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With the multiplier of one foot alone where its corner of the cell is farther from it than the bound."""
+    """Keep the multiplier of one foot only, if the cell's corner is farther from this foot than the bound."""
     for section, k, rows in _drawn_cells(known, random, "multipliers"):
         row, (mine, other) = rows[k], (known.content[section[0]], known.content[section[-1]])
         chosen = int(random.integers(len(row["feet"])))
@@ -229,7 +229,7 @@ def _one_foot(known: Known, random: np.random.Generator) -> Iterator[tuple[str, 
 
 
 def _called_free(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With a cell of a surface said to hold no zero, which does."""
+    """Declare a cell of an implicit surface empty although it holds a zero."""
     for section, k, rows in _drawn_cells(known, random, "zero"):
         if _place_in(known.content[section[0]], rows[k]) is not None:
             changed = {**rows[k], "zero": None, "feet": [], "multipliers": None}
@@ -237,14 +237,14 @@ def _called_free(known: Known, random: np.random.Generator) -> Iterator[tuple[st
 
 
 def _turned(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With a plane whose sides are exchanged."""
+    """Exchange the sides of a plane."""
     for section, k, rows in _drawn_cells(known, random, "plane"):
         turned = [-x * float(2.0 ** random.integers(-3, 4)) for x in rows[k]["plane"]]
         yield "plane turned", _with_row(known.content, section, k, {**rows[k], "plane": turned})
 
 
 def _other_witness(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With a witness that is nearer to the other shape, or a pair of places farther apart, than is claimed."""
+    """Replace the witness by a point nearer to the other shape, or a pair farther apart, than the claim."""
     witness, claim = known.content["witness"], known.claim
     for _ in range(_DRAWS):
         if witness is None:
@@ -269,7 +269,7 @@ def _other_witness(known: Known, random: np.random.Generator) -> Iterator[tuple[
 def _drawn_cells(
     known: Known, random: np.random.Generator, key: str | None = None
 ) -> Iterator[tuple[str, int, list[Any]]]:
-    """Cells at random, with their section: those that have something under the key."""
+    """Draw cells at random, with their section; if a key is given, only cells with a value under it."""
     cells = known.content["cells"] or {}
     wanted = [(name, k) for name, rows in cells.items() for k, row in enumerate(rows) if key is None or row.get(key)]
     for _ in range(_DRAWS if wanted else 0):
@@ -287,14 +287,14 @@ def _with_row(content: Content, section: str, k: int, row: dict[str, Any]) -> Co
 
 
 def _foot(place: dict[str, Any]) -> dict[str, Any]:
-    """A foot that stays at a place."""
+    """Return a foot that stays at one parameter."""
     if "way" in place:
         return {"map": [place["at"]], "way": place["way"], "zero": [0.0]}
     return {"piece": place["piece"], "map": [place["at"]], "weights": None}
 
 
 def _place_in(shape: dict[str, Any], row: dict[str, Any]) -> np.ndarray | None:
-    """A point of a shape in a cell: a corner, or a zero on an edge; None where no edge is seen to have one."""
+    """Return a point of a shape in a cell: a corner, or a zero on an edge; None if no edge shows a sign change."""
     corners = _corners(shape, row)
     if shape["kind"] != "surface":
         return corners[0]
@@ -306,7 +306,7 @@ def _place_in(shape: dict[str, Any], row: dict[str, Any]) -> np.ndarray | None:
 
 
 def _corners(shape: dict[str, Any], row: dict[str, Any]) -> list[np.ndarray]:
-    """The corners of a cell in space."""
+    """Return the corners of a cell in space."""
     piece, cell = pieces_of(shape)[row["piece"]], row["cell"]
     if cell is None:
         return [_point(piece, [])]
@@ -328,28 +328,28 @@ def _point(piece: ExactPiece, at: Sequence[float]) -> np.ndarray:
 
 
 def _wrong_hash(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With a number of a shape that its hash does not fit."""
+    """Change a number of a shape but not its hash."""
     while True:
         name, shape = _with_another_number(known, random)
         yield "number without its hash", {**known.content, name: shape}
 
 
 def _wrong_shape(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content, bool]]:
-    """With a number of a shape, and the hash of that, beside the shapes at hand."""
+    """Change a number of a shape and its hash, and compare with the true shapes."""
     while True:
         name, shape = _with_another_number(known, random)
         yield "another number", {**known.content, name: _named(shape)}, True
 
 
 def _other_shape(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content, bool]]:
-    """With a shape of another pair, beside those at hand."""
+    """Insert a shape of another pair, and compare with the true shapes."""
     for other in known.others:
         for name in "ab":
             yield "shape of another pair", {**known.content, name: other[name]}, True
 
 
 def _scaled(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With both shapes larger or smaller by a power of two, and so their distance, so that the claim is false."""
+    """Scale both shapes, and so their distance, by a power of two, if this makes the claim false."""
     lower, upper = known.claim["lower"], known.claim["upper"]
     for k in range(1, 9):
         for power in (k, -k):
@@ -360,7 +360,7 @@ def _scaled(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Co
 
 
 def _moved(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Content]]:
-    """With a shape moved so far that the distance is above the upper bound."""
+    """Move a shape so far that the distance exceeds the upper bound."""
     names = [name for name in "ab" if known.content[name]["kind"] != "surface"]
     while names and known.claim["upper"] is not None:
         name = str(random.choice(names))
@@ -372,7 +372,7 @@ def _moved(known: Known, random: np.random.Generator) -> Iterator[tuple[str, Con
 
 
 def _with_another_number(known: Known, random: np.random.Generator) -> tuple[str, dict[str, Any]]:
-    """A shape of which one number that is not zero has changed, in its last digit or before."""
+    """Change one nonzero number of a random shape, in its last digit or an earlier one."""
     while True:
         name = str(random.choice(["a", "b"]))
         shape = json.loads(json.dumps(known.content[name]))
@@ -386,7 +386,7 @@ def _with_another_number(known: Known, random: np.random.Generator) -> tuple[str
 
 
 def _times(shape: dict[str, Any], factor: float) -> dict[str, Any]:
-    """Of another size, exactly where the factor is a power of two."""
+    """Scale a shape; this is exact if the factor is a power of two."""
     if shape["kind"] == "surface":
         rows = np.array(shape["coefficients"], float)
         powers = np.indices(rows.shape).sum(axis=0)
@@ -405,7 +405,7 @@ def _shifted(shape: dict[str, Any], by: np.ndarray) -> dict[str, Any]:
 
 
 def _named(shape: dict[str, Any]) -> dict[str, Any]:
-    """With its own hash."""
+    """Return the shape with its own hash."""
     return {**shape, "sha256": digest(shape)}
 
 

@@ -1,7 +1,7 @@
-"""Letters of fonts, curves padded to few sizes, and what a decision says and takes.
+"""Letters of fonts, curves padded to few sizes, and texts and step counts of decisions.
 
-Programs are compiled for each number of segments, so everything here has 48 of them, or the next number that the
-package compiles for; what is added repeats the last segment and leaves the point set as it is.
+JAX compiles once for each number of segments. So all curves here have 48 segments, or the next number that the package
+compiles for; padding repeats the last segment and leaves the point set unchanged.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ _SEGMENTS = 48
 
 
 def padded(control_points: Any, next_segment: Any = None) -> jhd.BezierSegments:
-    """The segments (segments, points, 2) with repetitions of the last one; a chain where nothing is said of joints."""
+    """Pad the segments (segments, points, 2) by repeating the last one; a chain if `next_segment` is None."""
     points = np.asarray(control_points, dtype=float)
     joints = np.append(np.arange(1, len(points)), -1) if next_segment is None else np.asarray(next_segment)
     index = np.minimum(np.arange(padded_count(max(len(points), _SEGMENTS))), len(points) - 1)
@@ -25,15 +25,15 @@ def padded(control_points: Any, next_segment: Any = None) -> jhd.BezierSegments:
 
 
 def chain(points: Any) -> np.ndarray:
-    """The control points (segments, 2, 2) of a polyline."""
+    """Return the control points (segments, 2, 2) of a polyline."""
     rows = np.asarray(points, dtype=float)
     return np.stack([rows[:-1], rows[1:]], axis=1)
 
 
 def alphabet(font: str, letters: str) -> dict[str, jhd.BezierSegments]:
-    """The letters in units of the font's x-height (the top of its x), centered in x on their boxes, y = 0 the baseline.
+    """Load letters in units of the font's x-height (the top of its x), centered in x on their boxes, baseline y = 0.
 
-    The boxes are those of control points, and both steps round by an ulp: the curves are these arrays.
+    The boxes enclose the control points, and both steps round by an ulp: the curves are these arrays.
     """
     height = np.max(np.asarray(jhd.io.load_glyph(font, "x").control_points)[..., 1])
     found = {}
@@ -46,10 +46,10 @@ def alphabet(font: str, letters: str) -> dict[str, jhd.BezierSegments]:
 
 
 def steps_of(found: jhd.HausdorffSolution | jhd.Decision) -> int:
-    """The steps of both directions."""
+    """Return the number of steps of both directions."""
     return int(found.stats["a_to_b_steps"] + found.stats["b_to_a_steps"])
 
 
 def answer(decision: jhd.Decision) -> str:
-    """The name: yes, no or undecided."""
+    """Return the name of a decision: yes, no or undecided."""
     return name_of(decision.answer)

@@ -1,24 +1,26 @@
 """Pairs of cubic B-splines, one for each way in which a Hausdorff distance arises, at any number of control points.
 
-Kim et al. 2010 show pairs of 5, 10, 15 and 30 control points whose distance arises at an end, at a self-bisector, and
-between inner points, and print no control points; these are of the same kinds. All are clamped, with uniform knots.
+Kim et al. 2010 show pairs of 5, 10, 15 and 30 control points. Their distance arises at an end, at a self-bisector, or
+between inner points. The paper prints no control points; these pairs are of the same kinds. All curves are clamped,
+with uniform knots.
 
-The second curve is a wave or an oval, and the first one follows it but for one feature that outweighs all else:
+The second curve is a wave or an oval. The first one follows it except for one feature that outweighs everything else:
 
- - `end`: its last stretch leaves the wave, so that its end is farthest from it;
+ - `end`: its last part leaves the wave, so that its end is farthest from the wave;
  - `foot_at_end`: it goes on beyond the end of the wave and turns back, so that the tip is farthest from that end;
  - `antipodal`: it has one bump, whose top is farthest;
- - `self_bisector`: it crosses the oval as the letter Z does, from the one side to the other: half way between them two
+ - `self_bisector`: it crosses the oval like the letter Z, from one side to the other: half way between the sides, two
    feet are equally near. The oval is wide enough that the crossing is farther from it than anything else.
 
-Ripples of one control point, in no pattern, keep both curves from being smooth or parallel anywhere; there is no seed.
+Ripples of one control point, without a pattern, keep both curves from being smooth or parallel anywhere; there is no
+seed.
 """
 
 import numpy as np
 
 import jhd
 
-# The kinds, with the event of both the directed distance from a to b and the Hausdorff distance.
+# The kinds, each with the event of the directed distance from a to b and of the Hausdorff distance.
 EVENTS = {
     "end": "a_end",
     "foot_at_end": "b_end",
@@ -27,12 +29,12 @@ EVENTS = {
 }
 KINDS = tuple(EVENTS)
 COUNTS = (5, 10, 15, 30, 120)
-# Length of the wave; ripples are this share of the distance of control points, and no longer than the second number.
+# Length of the wave; ripple height as a fraction of the control point spacing, and its upper limit.
 _LENGTH, _RIPPLE, _LARGEST = 10.0, 0.2, 0.06
 
 
 def pair(kind: str, count: int) -> tuple[jhd.BSplineCurve, jhd.BSplineCurve]:
-    """Both curves, with this many control points each; the directed distance from the first is the larger one.
+    """Return both curves, with `count` control points each; the directed distance from the first is the larger one.
 
     Args:
         kind: one of `KINDS`.
@@ -50,7 +52,7 @@ def pair(kind: str, count: int) -> tuple[jhd.BSplineCurve, jhd.BSplineCurve]:
 
 
 def _following(kind: str, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The wave with a feature, and the wave."""
+    """Return the wave with a feature, and the wave."""
     wave = np.stack([_LENGTH * u, 0.8 * np.sin(9 * u)], axis=1)
     if kind == "end":
         size, way = np.clip((u - 0.7) / 0.3, 0, 1) ** 2, (-1.0, 3.0)
@@ -62,7 +64,7 @@ def _following(kind: str, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _crossing(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The letter Z and an oval around it, open at the bottom."""
+    """Return the letter Z and an oval around it, open at the bottom."""
     corners = np.array([(2.4, 1.6), (-2.4, 4.0), (0.0, 0.0), (2.4, -4.0), (-2.4, -1.6)])
     z = np.stack([np.interp(u, np.linspace(0, 1, 5), x) for x in corners.T], axis=1)
     angle = np.pi * (1.95 * u - 0.475)
@@ -70,6 +72,6 @@ def _crossing(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _scattered(count: int, which: int) -> np.ndarray:
-    """Numbers in [-1, 1] in no pattern, (count, 2): fractions of multiples of irrational numbers."""
+    """Return numbers in [-1, 1] without a pattern, (count, 2): fractions of multiples of irrational numbers."""
     k = np.arange(1, count + 1)[:, None] + 1000 * which
     return 2 * np.modf(k * np.array([0.7548776662, 0.5698402910]) * np.sqrt(5))[0] - 1

@@ -1,4 +1,4 @@
-"""Triangle meshes that experiments share: smooth ones, parts as from CAD, and those of files."""
+"""Triangle meshes that experiments share: smooth ones, parts as from CAD, and meshes of files."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from jhd.io import load_mesh
 
 
 def load(file: Path) -> jhd.TriangleMesh:
-    """The mesh of a file of any format that jhd reads, or of arrays V (vertices) and F (triangles) in an .npz file."""
+    """Load a mesh from any format that jhd reads, or from arrays V (vertices) and F (triangles) in an .npz file."""
     if file.suffix != ".npz":
         return load_mesh(file)
     with np.load(file) as stored:
@@ -17,7 +17,7 @@ def load(file: Path) -> jhd.TriangleMesh:
 
 
 def bumpy_sphere(n: int, height: float = 0.12) -> jhd.TriangleMesh:
-    """A unit sphere with bumps, from a cube of n x n squares on each side: 12 n^2 triangles of about one size."""
+    """Return a unit sphere with bumps, from a cube of n x n squares on each side: 12 n^2 triangles of similar size."""
     places, triangles = _cube(n)
     along = np.tan((2 * places / n - 1) * (np.pi / 4))
     unit = along / np.linalg.norm(along, axis=1, keepdims=True)
@@ -26,7 +26,7 @@ def bumpy_sphere(n: int, height: float = 0.12) -> jhd.TriangleMesh:
 
 
 def torus(rows: int, columns: int, width: float = 0.4) -> jhd.TriangleMesh:
-    """Circles of radius `width` about the unit circle; 2 rows columns triangles."""
+    """Return a torus: circles of radius `width` about the unit circle; 2 rows columns triangles."""
     u, v = np.meshgrid(_turn(rows), _turn(columns), indexing="ij")
     reach = 1 + width * np.cos(v)
     points = np.stack([reach * np.cos(u), reach * np.sin(u), width * np.sin(v)], axis=-1)
@@ -37,10 +37,10 @@ def torus(rows: int, columns: int, width: float = 0.4) -> jhd.TriangleMesh:
 
 
 def rounded_box(sides: tuple[float, float, float], radius: float, steps: int) -> jhd.TriangleMesh:
-    """A box with rounded edges: two triangles for each side, and `steps` strips of triangles along each edge."""
+    """Return a box with rounded edges: two triangles for each side, and `steps` strips of triangles along each edge."""
     n = 2 * steps + 1
     places, triangles = _cube(n)
-    # Both middle planes are the same on a sphere and become the ends of the flat sides here.
+    # Both middle planes coincide on a sphere; here they become the ends of the flat sides.
     upper = places > steps
     along = np.tan(((places - upper) / steps - 1) * (np.pi / 4))
     unit = along / np.linalg.norm(along, axis=1, keepdims=True)
@@ -49,7 +49,7 @@ def rounded_box(sides: tuple[float, float, float], radius: float, steps: int) ->
 
 
 def plate(columns: int, rows: int, steps: int, thickness: float = 0.25) -> jhd.TriangleMesh:
-    """A plate of unit squares, each with a round hole of radius 0.3 and 4 steps edges, as thick as said."""
+    """Return a plate of unit squares of the given thickness, each with a round hole of radius 0.3 and 4 steps edges."""
     circle = 0.3 * np.stack([np.cos(_turn(4 * steps)), np.sin(_turn(4 * steps))], axis=1)
     square = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     i = np.arange(4 * steps)
@@ -62,7 +62,7 @@ def plate(columns: int, rows: int, steps: int, thickness: float = 0.25) -> jhd.T
 
 
 def profile(length: float, legs: tuple[float, float], thickness: float, radius: float, steps: int) -> jhd.TriangleMesh:
-    """A length of steel with an L as its section, its inner corner rounded by so many steps."""
+    """Return a length of L-shaped steel profile, its inner corner rounded by `steps` steps."""
     angle = np.pi + np.linspace(0, np.pi / 2, steps + 1)[::-1]
     arc = thickness + radius * (1 + np.stack([np.cos(angle), np.sin(angle)], axis=1))
     section = np.array([[0, 0], [legs[0], 0], [legs[0], thickness], *arc, [thickness, legs[1]], [0, legs[1]]])
@@ -75,7 +75,7 @@ def _turn(count: int) -> np.ndarray:
 
 
 def _cube(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Whole coordinates from 0 to n on the surface of a cube, and the triangles of its squares, seen from outside."""
+    """Return integer coordinates from 0 to n on the surface of a cube, and the triangles of its squares."""
     i, j = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
     sides = []
     for axis in range(3):
@@ -90,7 +90,7 @@ def _cube(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _extruded(points: np.ndarray, flat: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """A flat triangulation, counter-clockwise, made into a solid: two copies, and walls along its borders."""
+    """Extrude a flat, counter-clockwise triangulation to a solid: two copies, and walls along its borders."""
     count = len(points)
     edges = {(a, b) for t in flat.tolist() for a, b in zip(t, t[1:] + t[:1], strict=True)}
     border = np.array(sorted(edge for edge in edges if edge[::-1] not in edges))
@@ -101,7 +101,7 @@ def _extruded(points: np.ndarray, flat: np.ndarray, height: float) -> tuple[np.n
 
 
 def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """All flat parts as one, vertices at one place made one."""
+    """Join flat parts, and merge vertices with equal coordinates."""
     starts = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = np.round(np.concatenate([points for points, _ in parts]), 12)
     triangles = np.concatenate([triangles + start for (_, triangles), start in zip(parts, starts, strict=False)])

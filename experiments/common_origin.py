@@ -1,7 +1,7 @@
-"""What results and pictures hang on, as short texts: the code of a script with all that it imports here, and files.
+"""Digests of the code and files that results and pictures depend on: a script with its local imports, and files.
 
-An experiment writes them beside its numbers, so that a figure can say that its numbers are older than the code. This
-module imports nothing but Python's own, so that figures, which have a `common` of their own, can run it by its path.
+An experiment stores them with its numbers, so that a figure can report if its numbers are older than the code. This
+module imports only Python's standard library, so that figures, which have a `common` of their own, can run it by path.
 """
 
 import ast
@@ -16,24 +16,24 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 _IMPORT = re.compile(r"^(?:import|from) (common\w*)", re.MULTILINE)
 _MODEL = re.compile(r"^model name\s*:\s*(.*)$", re.MULTILINE)
-# Enough of a sum to tell versions of one script apart.
+# Enough digits to tell versions of one script apart.
 _DIGITS = 16
 
 
 def code_of(script: Path) -> dict[str, str]:
-    """Sums of the code of a script with the modules that it shares, without docstrings, and of the package."""
+    """Return digests of a script with its shared modules, without docstrings, and of the package."""
     package = ROOT / "jhd"
     scripts = [(file, _without_docstrings(file).encode()) for file in _with_imports(script)]
     return {"script": _sum(scripts), "package": digest(sorted(package.rglob("*.py")))}
 
 
 def digest(files: Iterable[Path]) -> str:
-    """A sum of what files are called and hold, in their order."""
+    """Return a digest of the names and contents of files, in order."""
     return _sum((file, file.read_bytes()) for file in files)
 
 
 def _without_docstrings(file: Path) -> str:
-    """The code of a script: what is only said of it changes no numbers."""
+    """Return the code of a script without docstrings, which change no numbers."""
     text = file.read_text(encoding="utf-8")
     lines = text.splitlines()
     for node in ast.walk(ast.parse(text)):
@@ -52,7 +52,7 @@ def _sum(contents: Iterable[tuple[Path, bytes]]) -> str:
 
 
 def outdated(context: dict, script: Path) -> str:
-    """What has changed since results with this context were written, in words; nothing where they are of this code."""
+    """Say which code has changed since results with this context were written; empty if nothing has changed."""
     then, now = context.get("code"), code_of(script)
     if then is None:
         return "their code was not recorded"
@@ -61,12 +61,12 @@ def outdated(context: dict, script: Path) -> str:
 
 
 def machine() -> dict:
-    """The processor, how busy it is, and the commit that the code is of, as far as these can be told."""
+    """Return the processor, its load, and the commit of the code, as far as they are known."""
     return {"processor": _processor(), "load": _load(), "commit": _commit()}
 
 
 def _with_imports(script: Path) -> list[Path]:
-    """The script and the modules of its folder that it imports, each once, directly or not."""
+    """Return the script and the modules of its folder that it imports, directly or not, each once."""
     found = [script]
     for file in found:
         for name in _IMPORT.findall(file.read_text(encoding="utf-8")):
@@ -87,7 +87,7 @@ def _load() -> list[float] | None:
 
 
 def _commit() -> str | None:
-    """The commit of this folder, with a plus where files differ from it; None outside of a clone."""
+    """Return the commit of this folder, with a plus if files differ from it; None outside of a clone."""
     try:
         asked = ["git", "-C", str(ROOT), "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+"]
         return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()

@@ -1,6 +1,6 @@
-"""What may be asked of an experiment: a seed, files, two shapes, and other values of its constants in capitals.
+"""Options of an experiment: a seed, files, two shapes, and other values of its constants in capitals.
 
-Figures have these options too, so this module, as common_origin, imports nothing of the others.
+Figures have these options too. So this module, like common_origin, imports no other shared module.
 """
 
 import argparse
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 _SINGLE = (bool, int, float, str, np.ndarray, type(None))
-# Options that change the numbers, besides --smoke.
+# Options that change the numbers, except --smoke.
 _ASKED = ("seed", "set", "meshes", "a", "b")
 
 
 def add_options(parser: argparse.ArgumentParser, meshes: bool, pair: bool) -> None:
-    """The options, of files and of two shapes where they are taken; what is not taken is as if it were not given."""
+    """Add the options; those for files and for two shapes only if the experiment accepts them."""
     parser.add_argument("--seed", type=int, default=0, help="seed of the random numbers (default: 0)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="another value of a constant in capitals"
@@ -29,12 +29,12 @@ def add_options(parser: argparse.ArgumentParser, meshes: bool, pair: bool) -> No
 
 
 def asked(options: argparse.Namespace) -> dict[str, Any]:
-    """What of these is given."""
+    """Return the options that the user passed."""
     return {name: getattr(options, name) for name in _ASKED if getattr(options, name)}
 
 
 def as_flags(asked: dict[str, Any]) -> list[str]:
-    """The same as arguments of a script."""
+    """Return these options as arguments of a script."""
     flags = []
     for name, value in asked.items():
         # Each --set has its own flag, and all meshes have one.
@@ -44,26 +44,26 @@ def as_flags(asked: dict[str, Any]) -> list[str]:
 
 
 def parameters(names: dict[str, Any]) -> dict[str, Any]:
-    """The constants among the names of a script that a literal can stand for."""
+    """Return the constants of a script whose values can be written as literals."""
     return {name: value for name, value in names.items() if name.isupper() and _is_literal(value)}
 
 
 def _is_literal(value: Any) -> bool:
-    """Whether this can be written down: curves, functions and the like cannot."""
+    """Return whether a value can be written as a literal; curves and functions cannot."""
     if isinstance(value, dict):
         return _is_literal((*value.keys(), *value.values()))
     return all(map(_is_literal, value)) if isinstance(value, tuple | list) else isinstance(value, _SINGLE)
 
 
 def change(names: dict[str, Any], settings: list[str]) -> dict[str, Any]:
-    """Gives constants of a script other values, and returns these.
+    """Set constants of a script to other values, and return these.
 
     Args:
-        names: the names of the script; changed here.
-        settings: texts NAME=VALUE; the value is a literal of the kind that the constant is of.
+            names: the names of the script; changed in place.
+            settings: texts NAME=VALUE; the value is a literal of the constant's type.
 
     Raises:
-        ValueError: there is no such constant, or it is of another kind.
+            ValueError: if the constant does not exist or has another type.
     """
     known, found = parameters(names), {}
     for setting in settings:
@@ -76,13 +76,13 @@ def change(names: dict[str, Any], settings: list[str]) -> dict[str, Any]:
 
 
 def _value(name: str, text: str, known: Any) -> Any:
-    """The value that a text says, of the kind that the constant is of."""
+    """Parse the text of a value of the constant's type."""
     kind = type(known)
     try:
         value = ast.literal_eval(text)
     except (SyntaxError, ValueError):
         value = text  # a string without quotes
-    # A whole number may stand for any number, and a list for numbers in rows.
+    # If the constant is a float, an integer will do; a list will do for an array.
     if kind is float and type(value) is int:
         value = float(value)
     if kind is np.ndarray and isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Parametric surfaces that experiments share, and what samples and a k-d tree say of distances."""
+"""Parametric surfaces that experiments share, and distances estimated by samples and a k-d tree."""
 
 import time
 from collections.abc import Callable
@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 import jhd
 from jhd._plot.nets import quadrilaterals
 
-# Most samples of a smoke run: of each number of them a program is made.
+# Largest number of samples in a smoke run: each number of samples is compiled for separately.
 _SMOKE_SAMPLES = 1000
-# Weight of the middle control points of a quarter circle, and the full circle in four quarters, with weights.
+# Weight of the middle control points of a quarter circle; the full circle as four quarters, with weights.
 _HALF = np.sqrt(0.5)
 _CIRCLE = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], float)
 _CIRCLE_WEIGHTS = np.array([1, _HALF] * 4 + [1])
@@ -22,20 +22,20 @@ _CIRCLE_KNOTS = np.array([0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4], float)
 
 
 def wavy_net(n: int) -> np.ndarray:
-    """Control points of a sheet of n x n bicubic patches with unequal waves, over about the unit square."""
+    """Return the control points of a sheet of n x n bicubic patches with unequal waves, over about the unit square."""
     x, y = np.meshgrid(*[(np.arange(n + 3) - 1) / n] * 2, indexing="ij")
     return np.stack([x, y, 0.15 * np.sin(4 * x + 1) * np.cos(3 * y) + 0.08 * np.sin(7 * x * y)], axis=-1)
 
 
 def bicubic(net: np.ndarray) -> jhd.BSplineSurface:
-    """The uniform bicubic B-spline surface of a net."""
+    """Return the uniform bicubic B-spline surface of a net."""
     return jhd.BSplineSurface(net, *(np.arange(count + 4.0) for count in net.shape[:2]))
 
 
 def turned(offset: float = 0.0, bulge: float = 0.0) -> jhd.BSplineSurface:
-    """A rational torus about z, its circles 0.35 + offset wide about the unit circle, 16 patches of degree 2.
+    """Return a rational torus about z: circles of radius 0.35 + offset about the unit circle, 16 patches of degree 2.
 
-    With a bulge it is no torus: the circle about the axis is an ellipse that is longer by this share along x.
+    If bulge is not 0, the circle about the axis becomes an ellipse that is longer by this fraction along x.
     """
     section = np.array([1.0, 0.0]) + (0.35 + offset) * _CIRCLE
     net = np.empty((9, 9, 3))
@@ -46,17 +46,17 @@ def turned(offset: float = 0.0, bulge: float = 0.0) -> jhd.BSplineSurface:
 
 
 def diagonal(*shapes: Any) -> float:
-    """The diagonal of the box of all control points, vertices and boxes."""
+    """Return the diagonal of the joint bounding box of all control points, vertices and boxes."""
     ends = np.array([[np.asarray(end) for end in shape.bounds] for shape in shapes])
     return float(np.linalg.norm(ends[:, 1].max(axis=0) - ends[:, 0].min(axis=0)))
 
 
 def samples(shape: Any, count: int) -> np.ndarray:
-    """About so many points of a shape, even in its parameters; of a polynomial surface near its zeros on a grid."""
+    """Return about `count` points of a shape: even parameters, or for an implicit surface points near it on a grid."""
     if isinstance(shape, jhd.TriangleMesh):
         return _of_mesh(shape, count)
     if isinstance(shape, jhd.ImplicitSurface):
-        # A surface meets about twice the square of the cells along an axis.
+        # The surface meets about twice as many cells as the square of the cells along an axis.
         return quadrilaterals(shape, max(int(np.sqrt(count / 2)), 4))[:, 0]
     if hasattr(shape, "segments"):
         pieces = shape.segments()
@@ -70,7 +70,7 @@ def samples(shape: Any, count: int) -> np.ndarray:
 
 
 def _of_mesh(mesh: jhd.TriangleMesh, count: int) -> np.ndarray:
-    """Corners and points inside the triangles, as many in each."""
+    """Return corners and points inside the triangles, equally many in each."""
     corners = np.asarray(mesh.corners)
     n = max(int(np.sqrt(2 * count / len(corners))), 1)
     i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
@@ -81,25 +81,25 @@ def _of_mesh(mesh: jhd.TriangleMesh, count: int) -> np.ndarray:
 
 
 def sampled_directed(a: Any, b: Any, count: int) -> float:
-    """The largest distance of samples of a to those of b: neither bound of the distance from a to b."""
+    """Largest distance from samples of a to samples of b; it is no bound of the distance from a to b."""
     return float(np.max(KDTree(samples(b, count)).query(samples(a, count))[0]))
 
 
 def sampled(a: Any, b: Any, count: int) -> float:
-    """The same both ways."""
+    """Estimate the two-sided distance by samples; it is no bound."""
     p, q = samples(a, count), samples(b, count)
     return float(max(np.max(KDTree(y).query(x)[0]) for x, y in ((p, q), (q, p))))
 
 
 def cpu(action: Callable[[], Any]) -> tuple[Any, float]:
-    """What an action returns, and the seconds of processors that it took: others who run beside do not count."""
+    """Return the result of an action and the CPU seconds of this process that it took."""
     start = time.process_time()
     value = action()
     return value, time.process_time() - start
 
 
 def beside(run: Run, action: Callable[[int], float], seconds: float, most: int = 1_000_000) -> dict[str, Any]:
-    """Samples, twice as many again and again until they take these seconds: what the last ones say."""
+    """Double the number of samples until they take `seconds`; return the last value, its time and its number."""
     count, most = 1000, _SMOKE_SAMPLES if run.smoke else most
     while True:
         value, taken = cpu(partial(action, count))
@@ -109,7 +109,7 @@ def beside(run: Run, action: Callable[[int], float], seconds: float, most: int =
 
 
 def stored(shape: Any) -> dict[str, Any]:
-    """A shape as numbers that a figure makes it of again."""
+    """Return the numbers from which a figure rebuilds a shape."""
     if isinstance(shape, jhd.TriangleMesh):
         return {"vertices": shape.vertices, "triangles": shape.triangles}
     if isinstance(shape, jhd.ImplicitSurface):

@@ -1,7 +1,7 @@
-"""Upper bounds of the distance of a part of a polynomial patch from another patch, in NumPy, as others bound it.
+"""Upper bounds of the distance from a part of a polynomial patch to another patch, by usual methods, in NumPy.
 
-A patch is coefficients [i, j, axis] of u^i v^j. Cells are rectangles of parameters of the first patch. Bernstein
-coefficients are found from values at even nodes, which costs some digits: good to 1e-11.
+A patch is an array of coefficients [i, j, axis] of u^i v^j. Cells are rectangles of parameters of the first patch.
+Bernstein coefficients are computed from values at even nodes, which costs some digits: they are good to 1e-11.
 """
 
 from collections.abc import Callable
@@ -13,19 +13,19 @@ import numpy as np
 
 # Newton steps for a foot, and starts along each parameter.
 _STEPS, _STARTS = 10, 5
-# A step of this length is the last one.
+# If a step is shorter than this, it is the last one.
 _SHORT = 1e-9
-# Shares that are tried of two branches.
+# Weights of the first branch that are tried in combinations of two branches.
 _SHARES = np.linspace(0.0, 1.0, 17)
 
 
 class Patch(NamedTuple):
-    """A patch: coefficients (n, m, 3), its parameters from 0 to 1."""
+    """A patch: coefficients (n, m, 3), parameters from 0 to 1."""
 
     rows: np.ndarray
 
     def at(self, u: np.ndarray, v: np.ndarray, du: int = 0, dv: int = 0) -> np.ndarray:
-        """Points or derivatives at arrays of parameters."""
+        """Evaluate points or derivatives at arrays of parameters."""
         first, second = (_powers(x, n, d) for x, n, d in ((u, len(self.rows), du), (v, self.rows.shape[1], dv)))
         return np.einsum("...i,...j,ijk->...k", first, second, self.rows)
 
@@ -37,11 +37,11 @@ class Rectangle(NamedTuple):
     high: np.ndarray
 
     def places(self, shares: np.ndarray) -> np.ndarray:
-        """Parameters at shares (..., 2) of the sides."""
+        """Return parameters at fractions (..., 2) of the sides."""
         return self.low + shares * (self.high - self.low)
 
     def halves(self) -> list["Rectangle"]:
-        """Both halves across the longer side."""
+        """Split the rectangle across its longer side."""
         axis = int(np.argmax(self.high - self.low))
         middle = 0.5 * (self.low[axis] + self.high[axis])
         high, low = self.high.copy(), self.low.copy()
@@ -56,7 +56,7 @@ def _powers(x: np.ndarray, count: int, order: int) -> np.ndarray:
 
 
 def foot(b: Patch, point: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
-    """Parameters of a near point of b, the nearest one found from a grid of starts or from the one given."""
+    """Return the parameters of a near point of b, found from `start`; if it is None, from a grid of starts."""
     if start is None:
         grid = np.stack(np.meshgrid(*[np.linspace(0, 1, _STARTS)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
         far = np.sum((b.at(grid[:, 0], grid[:, 1]) - point) ** 2, axis=1)
@@ -79,7 +79,7 @@ def foot(b: Patch, point: np.ndarray, start: np.ndarray | None = None) -> np.nda
 
 
 def lipschitz(a: Patch, b: Patch, cell: Rectangle) -> float:
-    """The distance in the middle and half of what the cell can be long."""
+    """Bound the distance by its value in the middle plus half of the largest possible length of the cell."""
     middle = 0.5 * (cell.low + cell.high)
     point = a.at(*middle)
     half = 0.5 * (cell.high - cell.low)
@@ -89,21 +89,21 @@ def lipschitz(a: Patch, b: Patch, cell: Rectangle) -> float:
 
 
 def constant_foot(a: Patch, b: Patch, cell: Rectangle) -> float:
-    """The distance from one point of b, the foot of the middle."""
+    """Bound the distance from one point of b, the foot of the middle."""
     point = a.at(*(0.5 * (cell.low + cell.high)))
     there = b.at(*foot(b, point))
     return _root(np.max(_coefficients(lambda u, v: np.sum((a.at(u, v) - there) ** 2, axis=-1), cell, 6)))
 
 
 def affine_foot(a: Patch, b: Patch, cell: Rectangle) -> float:
-    """The distance from feet that move with the place, from the middle's."""
+    """Bound the distance from feet that move affinely with the parameters, near the foot of the middle."""
     middle = 0.5 * (cell.low + cell.high)
     branch = _branch(a, b, cell, foot(b, a.at(*middle)))
     return min(_root(np.max(branch)), constant_foot(a, b, cell))
 
 
 def two_branches(a: Patch, b: Patch, cell: Rectangle) -> float:
-    """The least that shares of the two branches that continue the feet of opposite corners give, or one alone."""
+    """Return the smallest bound by convex combinations of two branches (two corners' feet), or by affine_foot."""
     corners = [cell.places(np.array(x, float)) for x in ((0, 0), (1, 0), (0, 1), (1, 1))]
     feet = [foot(b, a.at(*x)) for x in corners]
     apart = [float(np.linalg.norm(x - feet[0])) for x in feet]
@@ -121,7 +121,7 @@ FAMILIES: dict[str, Callable[[Patch, Patch, Rectangle], float]] = {
 
 
 def _branch(a: Patch, b: Patch, cell: Rectangle, start: np.ndarray) -> np.ndarray:
-    """Coefficients of the squared distance from feet that move affinely, those of the corners near one branch."""
+    """Coefficients of the squared distance from affinely moving feet, fitted to the corners' feet near one branch."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
     feet = np.array([foot(b, a.at(*cell.places(x)), start) for x in corners])
     map_, *_ = np.linalg.lstsq(np.column_stack([np.ones(4), corners]), feet, rcond=None)

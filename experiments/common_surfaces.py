@@ -1,4 +1,4 @@
-"""Well-known implicit surfaces, and what experiments on them share."""
+"""Well-known implicit surfaces, and functions that experiments on them share."""
 
 from typing import Any
 
@@ -19,8 +19,8 @@ BARTH = (
     f"4*({GOLDEN_SQ}*x^2 - y^2)*({GOLDEN_SQ}*y^2 - z^2)*({GOLDEN_SQ}*z^2 - x^2)"
     " - 4.23606797749979*(x^2 + y^2 + z^2 - 1)^2"
 )
-# A rounded box without symmetry, in [-1.5, 1.5]^3, and an ellipsoid in its place for short runs: programs are compiled
-# for each degree, most surfaces of short runs are of degree two, and distances of this one close in few steps.
+# A rounded box without symmetry, in [-1.5, 1.5]^3, and an ellipsoid that replaces it in smoke runs: JAX compiles for
+# each degree, most surfaces of smoke runs have degree two, and distances of this one close in few steps.
 ROUNDED = "x^4 + 2.2*y^4 + 4*z^4 + 0.5*x^2*y^2 + 0.4*x^2*y - 0.3*y^2*z + 0.2*x - 0.15*z - 1"
 ROUND = "x^2 + 2.2*y^2 + 4*z^2 + 1.2*x*y - 1.5*y*z + 0.2*x - 0.15*z - 1"
 # Circles of radius 0.4 about one of radius 1.1.
@@ -28,13 +28,13 @@ TORUS = "(x^2 + y^2 + z^2 + 1.05)^2 - 4.84*(x^2 + y^2)"
 
 
 def surface(text: str, lower: Any = BOX[0], upper: Any = BOX[1]) -> jhd.ImplicitSurface:
-    """The surface of a polynomial in a box, a cube where its ends are numbers."""
+    """Parse an implicit surface in a box, a cube if its ends are numbers."""
     lower, upper = ([end] * 3 if isinstance(end, int | float) else end for end in (lower, upper))
     return jhd.ImplicitSurface.parse(text, lower, upper)
 
 
 def kept(shape: jhd.ImplicitSurface, cells: int, ranges: str) -> dict[str, Any]:
-    """Cells kept on each level of a voxelization, and those tested in all."""
+    """Count the cells kept on each level of a voxelization, and all cells tested."""
     levels: dict[int, int] = {}
     tested = 0
 
@@ -47,5 +47,5 @@ def kept(shape: jhd.ImplicitSurface, cells: int, ranges: str) -> dict[str, Any]:
 
 
 def bounds(solution: jhd.HausdorffSolution) -> tuple[float, float]:
-    """Both ends."""
+    """Return both bounds of a solution."""
     return float(solution.lower), float(solution.upper)

@@ -1,24 +1,27 @@
 """How fast does an upper bound of the distance over a cell converge, and how many cells does a search need?
 
-Four families of bounds on cells of width h, the part of a segment's parameter: (i) Lipschitz, the distance at the
-middle plus half the largest possible length of the cell; (ii) one branch, the largest Bernstein coefficient of
-|A - B(sigma)|^2 for a map sigma through the feet; (iii) lambda, the best convex combination of the branches from both
-ends; (iv) ours, `jhd._distance.cells.branches.cell_upper_bound`: both branches split at their peak. The first three
-stand in NumPy in common_bounds.py. Two pairs have an exactly known distance, attained at an antipodal and at a
-one-to-two maximum, around which the cells shrink; two more are coincident: a straight segment written as two cubics,
-and a quarter circle with two sets of weights, related by a Moebius map. There the bound is the mismatch of the map
-itself, and the maps are compared: affine, cubic Hermite, Moebius. In the second part cells are taken in the order of
-their bounds and cut, and the largest bound left is followed; ours also with cells cut at their peak, as the package
-does.
+Four bounds on cells, parameter intervals of width h: (i) Lipschitz, the distance at the middle plus half the largest
+possible length of the cell; (ii) one branch, the largest Bernstein coefficient of |A - B(sigma)|^2 for a map sigma
+through the feet; (iii) lambda, the best convex combination of the branches from both ends; (iv) ours,
+`jhd._distance.cells.branches.cell_upper_bound`: both branches split at their peak. The first three are written in NumPy
+in common_bounds.py.
 
-Theory: the map misses the foot by O(h^p) with p = 2 (affine), 3 (Moebius), 4 (cubic), so the distance by O(h^2p) where
-it is not zero, because a foot is a minimum, and by O(h^p) where it is; (iv) adds nothing to that. (i) is of first
-order; (ii) of second where one branch has a smooth top and of first at a crossing of two; (iii) of second. Claims: the
-fitted slopes are these. Ours is of order 8 at both maxima (with an affine map 4), and on coincident curves of order 4,
-exact where the parametrizations differ by a Moebius map, as soon as its few Newton steps reach the feet (h < 1/8). A
-search for 1e-10 of the diagonal bounds 3 cells at a maximum, at most 9 where cells are halved, against 27 to 71 or,
-with Lipschitz bounds at an antipodal maximum, more than can be waited for. The kernel levels off at its allowance for
-rounding, some 1e-14, which the fits leave out.
+Two pairs have an exactly known distance, attained at an antipodal and at a one-to-two maximum, around which the cells
+shrink. Two more pairs are coincident: a straight segment written as two cubics, and a quarter circle with two sets of
+weights, related by a Moebius map. There the bound is the mismatch of the map itself. Maps are compared: affine, cubic
+Hermite, Moebius. The second part cuts cells in the order of their bounds, and follows the largest remaining bound. Our
+bound is also tried with cells cut at their peak, as in the package.
+
+Theory: the map misses the foot by O(h^p) with p = 2 (affine), 3 (Moebius), 4 (cubic). So the distance errs by O(h^2p)
+if it is not zero, because a foot is a minimum, and by O(h^p) if it is zero; (iv) adds nothing to this error. (i) is of
+first order. (ii) is of second order if one branch has a smooth top, and of first order at a crossing of two branches;
+(iii) is of second order.
+
+Claims: the fitted slopes confirm these orders. Ours is of order 8 at both maxima (with an affine map 4), and on
+coincident curves of order 4. It is exact if the parametrizations differ by a Moebius map, as soon as its few Newton
+steps reach the feet (h < 1/8). A search for 1e-10 of the diagonal bounds 3 cells at a maximum, at most 9 if cells are
+halved, against 27 to 71. With Lipschitz bounds at an antipodal maximum it needs more cells than is practical. The
+kernel levels off at its allowance for rounding, some 1e-14, which the fits leave out.
 
 Feeds: figures and tables "convergence of upper bounds" and "cells of a search".
 Takes: 1 minute, 20 seconds once compiled.
@@ -48,15 +51,15 @@ import jhd
 from jhd._distance.cells.branches import CurveCell, cell_upper_bound
 from jhd._distance.normalization.curves import prepare
 
-# The place of the maximum in the cells of the first part, off the middle, which would be a special case.
+# Parameter of the maximum in the cells of the first part; the middle would be a special case.
 _PLACE = 0.4
 # Slopes are fitted to the last points that stay this far above the floor of rounding.
 _FITTED, _ABOVE = 5, 50.0
-# Rounding of the bounds in NumPy, of the diagonal.
+# Rounding of the bounds in NumPy, as a fraction of the diagonal.
 _ROUNDING = 2e-15
-# A search ends when its largest bound is this close, of the diagonal; the package's default tolerance.
+# A search ends if the gap of its largest bound is at most this fraction of the diagonal, the package's default.
 _GOAL = 1e-10
-# A peak nearer than this share of the cell to an end does not serve as a cut, as in the package.
+# If a peak is nearer than this fraction of the cell to an end, it is no cut, as in the package.
 _NEAR_END = 0.02
 
 # Control points of both curves, their weights, the distance and the parameter of the maximum; all numbers are exact.
@@ -68,7 +71,7 @@ _DATA = {
         (None, None),
         (1.0, 1 / 3),
     ),
-    # y = 2 + x/2 - x^2/4 above y = x^2: at x = 0 the feet are those of (0, 2), at x^2 = 3/2.
+    # y = 2 + x/2 - x^2/4 above y = x^2: at x = 0 the point is (0, 2), whose feet are at x^2 = 3/2.
     "one_to_two": (
         ((-0.5, 1.6875), (0.125, 2.15625), (0.75, 2.234375)),
         ((-2.0, 4.0), (0.0, -4.0), (2.0, 4.0)),
@@ -114,16 +117,16 @@ class Pair:
         self.exact, self.t = float(frame.common(known[0])), known[1]
 
     def gap(self, upper: float) -> float:
-        """How far a bound is above the distance, of the diagonal."""
+        """Return the excess of a bound over the distance, in diagonals."""
         return (upper - self.exact) * self.unit
 
     def foot(self, t: float) -> tuple[float, float]:
-        """The parameter of the foot of a point of a, and its distance."""
+        """Return the parameter of the foot of a point of a, and its distance."""
         return feet(self.b, jet(self.a, t)[0])
 
 
 class Bound(NamedTuple):
-    """An upper bound over a cell, and where to cut it."""
+    """An upper bound over a cell, and the parameter of its cut."""
 
     upper: float
     cut: float
@@ -138,12 +141,12 @@ def _lipschitz(pair: Pair, cell: Interval) -> Bound:
 
 
 def _of_branches(kind: str, bound: Callable[[list[np.ndarray]], float]) -> Callable[[Pair, Interval], Bound]:
-    """A family that takes both branches, with a map of this kind."""
+    """Return a bound that takes both branches, with a map of this kind."""
     return lambda pair, cell: Bound(bound(branches(pair.a, pair.b, cell, kind)), _middle(cell))
 
 
 def _ours(pair: Pair, cell: Interval) -> Bound:
-    """The package's bound; the cell is cut at its peak where that is inside."""
+    """Compute the package's bound; the cell is cut at its peak if that lies inside."""
     found = pair.kernel(pair.p, pair.q, CurveCell(*map(jnp.asarray, (0, cell.t0, cell.t1, 0, cell.s0, 0, cell.s1))))
     share = (float(found.t) - cell.t0) / (cell.t1 - cell.t0)
     inside = _NEAR_END < share < 1 - _NEAR_END
@@ -165,7 +168,7 @@ _FAMILIES: dict[str, Callable[[Pair, Interval], Bound]] = {
     "ours": _ours,
     "ours, halved": _ours_halved,
 }
-# Which families are measured on a pair, and their orders by theory; None where the bound is exact.
+# The bounds measured on each pair, with their orders by theory; None if the bound is exact.
 _LOCAL: dict[str, dict[str, int | None]] = {
     "antipodal": {"Lipschitz": 1, "one branch": 2, "lambda": 2, "ours, affine map": 4, "ours": 8},
     "one_to_two": {"Lipschitz": 1, "one branch": 1, "lambda": 2, "ours, affine map": 4, "ours": 8},
@@ -181,7 +184,7 @@ _SEARCHED = {
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     halvings, most = (6, 40) if run.smoke else (14, 1500)
     widths = 2.0 ** -(np.arange(2, 2 * halvings + 1) / 2)
@@ -197,7 +200,7 @@ def main() -> None:
 
 
 def _local(pair: Pair, family: str, widths: np.ndarray, order: int | None) -> dict[str, Any]:
-    """Gaps of cells of these widths around the maximum, the floor of rounding, and the slope fitted above it."""
+    """Return gaps of cells of these widths around the maximum, the floor of rounding, and the slope fitted above it."""
     gaps = []
     for width in widths:
         t0 = pair.t - _PLACE * width
@@ -213,7 +216,7 @@ def _local(pair: Pair, family: str, widths: np.ndarray, order: int | None) -> di
 
 
 def _cells(pair: Pair, family: str, most: int) -> dict[str, Any]:
-    """A search that cuts the cell with the largest bound: that bound's gap against the number of cells bounded."""
+    """Cut the cell with the largest bound repeatedly; return this bound's gap against the number of bounded cells."""
     bound = _FAMILIES[family]
     first = Interval(0.0, 1.0, pair.foot(0.0)[0], pair.foot(1.0)[0])
     found = bound(pair, first)
@@ -230,7 +233,7 @@ def _cells(pair: Pair, family: str, most: int) -> dict[str, Any]:
         s = pair.foot(cut)[0]
         for child in (cell._replace(t1=cut, s1=s), cell._replace(t0=cut, s0=s)):
             found = bound(pair, child)
-            # What holds for the whole holds for the part.
+            # A bound of the whole cell holds for its parts.
             heapq.heappush(heap, (max(-found.upper, upper), found.cut, child))
             count += 1
 
@@ -253,7 +256,7 @@ def _local_table(local: dict[str, Any]) -> str:
 
 
 def _cells_table(cells: dict[str, Any]) -> str:
-    """Cells until the gap is below some shares of the diagonal; a dash where the search was stopped before."""
+    """Format the cells needed for some gaps, in diagonals; a dash if the search stopped before."""
     goals = (1e-2, 1e-4, 1e-6, 1e-8, _GOAL)
     header = ["pair", "bound", *(f"cells for {goal:.0e}" for goal in goals), "smallest gap"]
     rows = [

@@ -1,21 +1,20 @@
 """How much nearer is a curve of lower degree that minimizes the Hausdorff distance than one of another loss?
 
-Random plane Bezier curves of degree 7 are replaced by one of degree 3, 4 and 5 with the same ends:
+Random plane Bezier curves of degree 7 are replaced by curves of degree 3, 4 and 5 with the same ends:
 
 - by `fit_curve`, from its own start and without any choice;
-- by least squares at equal parameters, and by least squares whose parameters are projected anew until nothing changes,
-  in at most 1000 rounds (the better of two first guesses of the parameters);
+- by least squares at equal parameters, and by least squares with parameters projected anew until nothing changes, in
+  at most 1000 rounds (the better of two first guesses of the parameters);
 - by Adam on a Chamfer loss (mean distance, or mean squared distance, of samples of both curves) and on a soft Hausdorff
-  loss (p-norm of the same distances, p rising during the run).
+  loss (p-norm of these distances, p rising during the run).
 
-The baselines are given what favors them: feet of the samples are on the other curve itself and not on its samples;
-Adam starts at the projected least squares and near to it, with every learning rate and p of a grid; the best settings
-run again with more samples and steps; and among all runs the one with the least proven error counts. The seconds of a
-baseline are those of that one run, alone and compiled; those of the whole search stand beside them. All errors are
-proven Hausdorff distances.
+The setup favors the baselines. Feet of the samples lie on the other curve itself and not on its samples. Adam starts at
+the projected least squares and near to it, with every learning rate and p of a grid. The best settings run again with
+more samples and steps, and the run with the least proven error counts. The time of a baseline is the time of this one
+run, alone and compiled; the time of the whole search is reported too. All errors are proven Hausdorff distances.
 
-Claims: `fit_curve` is proven nearer than every other method in all 24 cases, whose errors are 1.0001 to 1.07 times its
-own for the soft Hausdorff loss, after its search, and 1.09 times or more for the others; its maxima are equal, one more
+Claims: `fit_curve` is proven nearer than every other method in all 24 cases. The errors of the soft Hausdorff loss are
+1.0001 to 1.07 times its own, after its search, and 1.09 times or more for the others. Its maxima are equal, one more
 than parameters in 22 cases. One run of Adam takes about as long or less; its search takes 1.5 to 3 times as long.
 
 Feeds: figure "degree reduction" and the table of ratios.
@@ -38,7 +37,7 @@ import jhd
 from jhd._results.solution import name_of, to_plain
 
 DEGREE, DEGREES, CURVES, SPREAD = 7, (3, 4, 5), 8, 0.25
-# Rates are shares of the size; p rises from the first to the last number.
+# Rates are fractions of the size; p rises from the first to the last number.
 RATES = (1e-1, 1e-2, 1e-3)
 POWERS = {
     "Chamfer": ((1.0, 1.0), (2.0, 2.0)),
@@ -47,7 +46,7 @@ POWERS = {
 STARTS, NOISE = 3, 0.02
 COARSE, FINE = (64, 2000), (256, 4000)
 AGAIN = 2
-# Steps between two searches of the nearest samples, which are followed in between.
+# Steps between two searches for the nearest samples, which are tracked in between.
 BLOCK = 20
 SAMPLES, ROUNDS, SMOKE_ROUNDS, SETTLED = 400, 1000, 50, 1e-9
 
@@ -61,7 +60,7 @@ class _Setting(NamedTuple):
 
 
 class _End(NamedTuple):
-    """The end of one run of a baseline: the curve's free points, how it was got, and its proven error."""
+    """The end of one baseline run: the curve's free points, the method's settings, and the proven error."""
 
     free: np.ndarray
     setting: dict[str, Any]
@@ -70,7 +69,7 @@ class _End(NamedTuple):
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     degrees = DEGREES[:1] if run.smoke else DEGREES
     curves = [target(run.seed, k) for k in range(1 if run.smoke else CURVES)]
@@ -82,13 +81,13 @@ def main() -> None:
 
 
 def target(seed: int, k: int) -> np.ndarray:
-    """Control points of a random curve: along a line, each moved at random."""
+    """Return the control points of a random curve: along a line, each moved at random."""
     noise = np.random.default_rng([seed, k]).normal(size=(DEGREE + 1, 2))
     return np.stack([np.linspace(0, 1, DEGREE + 1), np.zeros(DEGREE + 1)], axis=1) + SPREAD * noise
 
 
 def _first_calls(points: np.ndarray, degrees: Iterable[int], cached: bool) -> dict[int, float]:
-    """Seconds of the first fit of each degree; what all degrees share is compiled by the first of them."""
+    """Time the first fit of each degree; the first one also compiles the parts that all degrees need."""
     # JAX looks at this option once, before it compiles for the first time, and again after a reset.
     jax.config.update("jax_enable_compilation_cache", cached)
     found = {degree: _timed(lambda d=degree: jhd.fit_curve(jhd.BezierCurve(points), degree=d))[1] for degree in degrees}
@@ -104,7 +103,7 @@ def _timed(function: Any) -> tuple[Any, float]:
 
 
 def _case(points: np.ndarray, k: int, degree: int, smoke: bool) -> dict[str, Any]:
-    """All methods on one curve."""
+    """Run all methods on one curve."""
     ours = _ours(points, degree, smoke)
     squares, guess = _least_squares(points, degree, SMOKE_ROUNDS if smoke else ROUNDS)
     methods = {"ours": ours, **squares, **_descent(points, degree, guess, smoke)}
@@ -186,9 +185,9 @@ def _solve(points: np.ndarray, rows: np.ndarray, degree: int, t: np.ndarray) -> 
 
 
 def _projected(points: np.ndarray, rows: np.ndarray, degree: int, t: np.ndarray, most: int) -> tuple[np.ndarray, int]:
-    """Least squares and feet in turn, until the points move no more.
+    """Alternate least squares and feet until the points stop moving.
 
-    That alone converges slowly; where it is better, a step lets the feet slide along the tangents (Gauss-Newton).
+    Alone this converges slowly; if it is better, a step lets the feet slide along the tangents (Gauss-Newton).
     """
     free, rounds, moved = _solve(points, rows, degree, t), 0, np.inf
     t, least = _feet(_whole(points, free), rows, t)
@@ -202,20 +201,20 @@ def _projected(points: np.ndarray, rows: np.ndarray, degree: int, t: np.ndarray,
 
 
 def _feet(control: np.ndarray, rows: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, float]:
-    """Parameters of the feet by Newton's method from those given, and the sum of the squares of the distances."""
+    """Find parameters of the feet by Newton's method from `t`, and the sum of the squared distances."""
     degree = len(control) - 1
     first, second = degree * np.diff(control, axis=0), degree * (degree - 1) * np.diff(control, 2, axis=0)
     for _ in range(4):
         off, speed = _basis(degree, t) @ control - rows, _basis(degree - 1, t) @ first
         bend = np.sum(speed**2, axis=1) + np.sum(off * (_basis(degree - 2, t) @ second), axis=1)
-        # Where Newton's method would go to a maximum of the distance the step is that of the tangent.
+        # If Newton's method would go to a maximum of the distance, the step uses the tangent alone.
         steep = np.where(bend > 0.1 * np.sum(speed**2, axis=1), bend, np.sum(speed**2, axis=1))
         t = np.clip(t - np.sum(off * speed, axis=1) / steep, 0.0, 1.0)
     return t, float(np.sum((_basis(degree, t) @ control - rows) ** 2))
 
 
 def _slid(control: np.ndarray, rows: np.ndarray, degree: int, t: np.ndarray) -> np.ndarray:
-    """Free points that make the distances along the normals least."""
+    """Return free points that minimize the distances along the normals."""
     basis, speed = _basis(degree, t), degree * _basis(degree - 1, t) @ np.diff(control, axis=0)
     normal = np.stack([-speed[:, 1], speed[:, 0]], axis=1) / np.linalg.norm(speed, axis=1)[:, None]
     matrix = (basis[:, 1:-1, None] * normal[:, None]).reshape(len(t), -1)
@@ -224,7 +223,7 @@ def _slid(control: np.ndarray, rows: np.ndarray, degree: int, t: np.ndarray) -> 
 
 
 def _descent(points: np.ndarray, degree: int, guess: np.ndarray, smoke: bool) -> dict[str, Any]:
-    """Adam on both losses: all settings in one batch, and the best ones again."""
+    """Run Adam on both losses: all settings in one batch, and the best ones again."""
     size = float(np.max(np.ptp(points, axis=0)))
     noise = np.random.default_rng(degree).normal(size=(STARTS, *guess.shape))
     noise[0] = 0.0
@@ -265,7 +264,7 @@ def _descent(points: np.ndarray, degree: int, guess: np.ndarray, smoke: bool) ->
 
 @partial(jax.jit, static_argnames="samples")
 def adam(target: Any, starts: Any, rates: Any, powers: Any, blocks: Any, *, samples: int) -> Any:
-    """Free points after Adam with a cosine schedule, for a batch of starts, rates and powers."""
+    """Return the free points after Adam with a cosine schedule, for a batch of starts, rates and powers."""
     t = jnp.linspace(0.0, 1.0, samples + 1)
     rows = curve_points(target, t)
 
@@ -273,7 +272,7 @@ def adam(target: Any, starts: Any, rates: Any, powers: Any, blocks: Any, *, samp
         return jnp.concatenate([target[:1], free, target[-1:]])
 
     def loss(free: Any, power: Any, feet: Any, back: Any) -> Any:
-        """Log of the p-norm, whose minima are those of the p-norm."""
+        """Log of the p-norm; both have equal minimizers."""
         off = curve_points(whole(free), t) - curve_points(target, feet)
         off = jnp.concatenate([off, curve_points(whole(free), back) - rows])
         return jax.nn.logsumexp(0.5 * power * jnp.log(jnp.sum(off**2, axis=-1) + 1e-24)) / power
@@ -307,7 +306,7 @@ def adam(target: Any, starts: Any, rates: Any, powers: Any, blocks: Any, *, samp
 
 
 def curve_points(control_points: Any, t: Any) -> Any:
-    """Points of a Bezier curve at many parameters, by de Casteljau's algorithm."""
+    """Return points of a Bezier curve at many parameters, by de Casteljau's algorithm."""
     rows = [jnp.broadcast_to(point, (t.shape[0], 2)) for point in control_points]
     while len(rows) > 1:
         rows = [a + t[:, None] * (b - a) for a, b in zip(rows[:-1], rows[1:], strict=True)]
@@ -315,7 +314,7 @@ def curve_points(control_points: Any, t: Any) -> Any:
 
 
 def nearest_on_chords(points: Any, rows: Any, near: Any) -> Any:
-    """Where along a polyline, in units of its chords, the nearest point lies on the two chords at a sample."""
+    """Return the polyline parameter, in chords, of the nearest point on the two chords at a sample."""
 
     def on(chord: Any) -> tuple[Any, Any]:
         start, step = rows[chord], rows[chord + 1] - rows[chord]
@@ -329,9 +328,9 @@ def nearest_on_chords(points: Any, rows: Any, near: Any) -> Any:
 
 
 def _example(cases: list[dict[str, Any]], curves: list[np.ndarray]) -> dict[str, Any]:
-    """The middle case by the ratio of projected least squares, with the signed errors of all methods along its target.
+    """Return the median case by the ratio of projected least squares, with all signed errors along its target.
 
-    A curve's error is positive on the left of the target.
+    A curve's error is positive if the curve is on the left of the target.
     """
     middle = sorted({case["degree"] for case in cases})[len({case["degree"] for case in cases}) // 2]
     mine = [case for case in cases if case["degree"] == middle]

@@ -1,12 +1,12 @@
-"""Which of all letters of three font families are the same to within a hundredth of an em, and what does that take?
+"""Which letters of three typefaces are equal to within a hundredth of an em, and how long does it take to find them?
 
-All letters of DejaVu Sans, DejaVu Serif and DejaVu Sans Mono that have an outline of their own, 11 683 curves of 2 to
-543 segments, in one call of `jhd.pairs_within`. The pairs that are found make groups, and `jhd.pairwise` measures each
-group whole, which gives the distances and checks what was found and what was not within the groups. 120 of the letters,
-half of them from groups and half drawn at random, are compared all with all.
+One call of `jhd.pairs_within` takes all letters of DejaVu Sans, DejaVu Serif and DejaVu Sans Mono that have an outline
+of their own: 11 683 curves of 2 to 543 segments. The pairs found form groups. `jhd.pairwise` measures each whole group.
+This gives the distances, and checks which pairs were found and which were not within the groups. All pairs of 120
+letters, half of them from groups and half drawn at random, are compared as well.
 
 Claims: pivot distances leave about a thousand of 68 million pairs, none is undecided, in under 30 CPU seconds once
-compiled. What all distances say, within groups and in the sample, is what was found.
+compiled. Within groups and in the sample, the pairs found agree with all distances.
 
 Feeds: figure and table "near-duplicates".
 Takes: 2 minutes.
@@ -25,12 +25,12 @@ import jhd
 
 _WITHIN = 0.01
 _SAMPLE = 120
-# Pairs that are drawn, evenly from the nearest to the farthest of those that differ.
+# Number of pairs in the figure, evenly from the nearest to the farthest of those that differ.
 _SHOWN = 6
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     fonts, within = (SMALL, 0.05) if run.smoke else (FAMILIES, _WITHIN)
     glyphs = glyphs_of(fonts, run.smoke)
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def _groups(index: np.ndarray, count: int) -> list[np.ndarray]:
-    """Shapes that are joined by pairs, without those that are alone."""
+    """Group the shapes that pairs connect; a shape is left out if it has no pair."""
     graph = coo_array((np.ones(len(index)), (index[:, 0], index[:, 1])), shape=(count, count))
     _, label = connected_components(graph, directed=False)
     order = np.argsort(label, kind="stable")
@@ -70,7 +70,7 @@ def _groups(index: np.ndarray, count: int) -> list[np.ndarray]:
 
 
 def _agrees(every: jhd.Pairwise, members: np.ndarray, known: set[tuple[int, int]], within: float) -> bool:
-    """Whether what was found of some shapes is what all their distances say."""
+    """Return whether the pairs found among some shapes agree with all their distances."""
     near = {(i, j) for i, j in itertools.combinations(range(len(members)), 2) if every.upper[i, j] <= within}
     may = {(i, j) for i, j in itertools.combinations(range(len(members)), 2) if every.lower[i, j] <= within}
     place = {int(k): i for i, k in enumerate(members)}
@@ -79,7 +79,7 @@ def _agrees(every: jhd.Pairwise, members: np.ndarray, known: set[tuple[int, int]
 
 
 def _within_groups(glyphs: Glyphs, groups: list[np.ndarray], found: jhd.PairsWithin, within: float) -> dict[str, Any]:
-    """The distances of all pairs that were found, in their order, and whether each group agrees."""
+    """Return the distances of all pairs found, in their order, and whether each group agrees."""
     known = {(int(i), int(j)): n for n, (i, j) in enumerate(found.index)}
     partners: dict[int, list[tuple[int, int]]] = {}
     for pair in known:
@@ -99,7 +99,7 @@ def _within_groups(glyphs: Glyphs, groups: list[np.ndarray], found: jhd.PairsWit
 def _sample(
     glyphs: Glyphs, groups: list[np.ndarray], found: jhd.PairsWithin, within: float, count: int, random: Any
 ) -> tuple[dict[str, Any], float]:
-    """Some letters all with all: whether that agrees, and CPU seconds a pair."""
+    """Compare all pairs of some letters; return whether they agree, and CPU seconds a pair."""
     together = np.concatenate(groups)
     chosen = {*together[: count // 2].tolist()}
     chosen |= {*random.permutation(len(glyphs.curves))[: count - len(chosen)].tolist()}
@@ -112,7 +112,7 @@ def _sample(
 
 
 def _shown(glyphs: Glyphs, found: jhd.PairsWithin, distance: np.ndarray) -> list[dict[str, Any]]:
-    """Pairs for the picture, from the nearest to the farthest."""
+    """Return pairs for the picture, from the nearest to the farthest."""
     order = np.argsort(distance)
     order = order[distance[order] > 1e-3 * distance.max()]
     chosen = order[np.unique(np.linspace(0, len(order) - 1, _SHOWN).astype(int))]

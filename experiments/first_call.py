@@ -1,15 +1,15 @@
 """How long does the first call of a process take, with and without a cache on disk?
 
-A script that asks for one distance pays for importing, tracing, compiling and the search. For each entry three fresh
-processes make one call: with JHD_CACHE=0; with an empty folder, which the call fills; and with the folder that the
-second one filled. CPU seconds (of all threads, user and system) from the end of `import jhd` to the answer, by phase:
-tracing and lowering, XLA, writing and reading programs, and the rest, which is the search and what is compiled around
-it. The two last entries are programs of the user's own, by `jax.jit`: they call the kept search on the host. Without a
-folder phases are not told apart. A process with a folder is repeated, and the quickest counts: other work makes CPU
-seconds longer.
+If a script asks for one distance, it pays for importing, tracing, compiling and the search. For each entry three fresh
+processes make one call: with JHD_CACHE=0; with an empty folder, which the call fills; and with this folder, now a warm
+cache. CPU seconds (of all threads, user and system) are counted from the end of `import jhd` to the answer, by phase:
+tracing and lowering; XLA; writing and reading compiled functions; and the rest, which is the search and the small
+functions compiled around it. The last two entries are functions under the user's own `jax.jit`: they call the kept
+search on the host. Without a folder phases are not told apart. If a process has a folder, it is repeated and the
+quickest run counts: other work increases CPU seconds.
 
-Claims: the bounds are the same to the last bit in all three. With the folder filled distances of curves, surfaces and
-meshes compile at most two small operations, and take about a tenth of what they take without; a fit takes a fifth.
+Claims: the bounds are bitwise identical in all three. With a warm cache, distances of curves, surfaces and meshes
+compile at most two small operations, and take about a tenth of the time without it; a fit takes a fifth.
 
 Feeds: figure and table "first_call".
 Takes: 7 minutes.
@@ -39,7 +39,7 @@ _REPEATS = 3
 
 
 def main() -> None:
-    """Measures and saves."""
+    """Measure and save."""
     run = Run(__file__, __doc__)
     entries = {name: _measured(name, run) for name in (("meshes",) if run.smoke else _ENTRIES)}
     run.save({"entries": entries}, _table(entries))
@@ -54,7 +54,7 @@ def _measured(name: str, run: Run) -> dict[str, Any]:
 
 
 def _in_a_process(name: str, folder: str) -> dict[str, Any]:
-    """What a fresh process reports of its first call, JAX's own cache left out."""
+    """Return the report of a fresh process on its first call, without JAX's own cache."""
     environment = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
     command = [sys.executable, "-c", f"import first_call; first_call.report({name!r})"]
     done = subprocess.run(
@@ -69,7 +69,7 @@ def _in_a_process(name: str, folder: str) -> dict[str, Any]:
 
 
 def report(name: str) -> None:
-    """Prints CPU seconds by phase, programs compiled and read, and the bounds of one call in this process."""
+    """Print CPU seconds by phase, functions compiled and read, and the bounds of one call in this process."""
     spent: dict[str, float] = dict.fromkeys(_PHASES, 0.0)
     counts = {"compiled": 0, "read": 0}
 
@@ -97,7 +97,7 @@ def report(name: str) -> None:
     lower, upper = _ENTRIES[name]()
     answer = [float(lower).hex(), float(upper).hex()]
     seconds = time.process_time() - began
-    # What is compiled there is compiled within what is traced.
+    # Compilation happens within tracing, so its time is subtracted.
     spent["tracing"] = max(spent["tracing"] - spent["XLA"], 0.0)
     spent["rest"] = seconds - sum(spent.values())
     print(json.dumps({"seconds": seconds, "phases": spent, **counts, "bounds": answer}))

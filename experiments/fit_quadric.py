@@ -1,13 +1,12 @@
 """How near does an ellipsoid come to a quartic surface in the Hausdorff distance?
 
 The six numbers of an ellipsoid along the axes (inverse squares of its half axes, and its center) are fitted to a smooth
-quartic without symmetry, a rounded box. The start is the least-squares fit to points of the quartic. Then the Hausdorff
-distance is lowered by `minimize_hausdorff`, whose model is made of the gradients of both directions at all places
-visited: at the optimum several points are equally far, and the gradient of one of them says nothing.
+quartic without symmetry, a rounded box. The start is the least-squares fit to points of the quartic. Then
+`minimize_hausdorff` lowers the Hausdorff distance. Its model uses the gradients of both directions at all visited
+parameters: at the optimum several points are equally far, and the gradient of one of them gives no direction.
 
 Claims: the distance falls by 22 % from least squares to the end, both proven, in fewer than 40 evaluations; at the end
 a convex combination of the gradients nearby vanishes to 1e-8.
-
 Feeds: figure "an ellipsoid for a quartic" and its table.
 Takes: 2 minutes, half of it compilation.
 """
@@ -29,14 +28,14 @@ STEPS, SMOKE_STEPS, SMOKE_ATOL = 80, 1, 1e-2
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     text = ROUND if run.smoke else ROUNDED
     target = surface(text, -BOX, BOX)
     start = _least_squares(target)
     clock, seconds = time.perf_counter(), []
     note = lambda _: seconds.append(time.perf_counter() - clock)  # noqa: E731
-    # Wide bounds of a short run close before a search goes on with a second program.
+    # In a smoke run wide bounds close before the search needs a second compiled function.
     method = jhd.BranchAndBound(atol=SMOKE_ATOL) if run.smoke else None
     steps = SMOKE_STEPS if run.smoke else STEPS
     fit = jhd.minimize_hausdorff(ellipsoid, start, target, method=method, max_steps=steps, progress=note)
@@ -54,7 +53,7 @@ def main() -> None:
 
 
 def ellipsoid(parameters: Any) -> jhd.ImplicitSurface:
-    """The surface p (x - u)^2 + q (y - v)^2 + r (z - w)^2 = 1 for the parameters p, q, r, u, v, w."""
+    """Return the surface p (x - u)^2 + q (y - v)^2 + r (z - w)^2 = 1 for the parameters p, q, r, u, v, w."""
     p, u = jnp.asarray(parameters[:3]), jnp.asarray(parameters[3:])
     coefficients = jnp.zeros((3, 3, 3)).at[0, 0, 0].set(jnp.sum(p * u**2) - 1)
     for axis in range(3):
@@ -64,7 +63,7 @@ def ellipsoid(parameters: Any) -> jhd.ImplicitSurface:
 
 
 def _least_squares(target: jhd.ImplicitSurface) -> np.ndarray:
-    """The ellipsoid whose polynomial is smallest at points of the target, in the sense of squares."""
+    """Return the ellipsoid whose polynomial has the least sum of squares at points of the target."""
     points = quadrilaterals(target, 24)[:, 0]
     found = np.linalg.lstsq(np.concatenate([points**2, points], axis=1), np.ones(len(points)), rcond=None)[0]
     square, linear = found[:3], found[3:]
@@ -73,7 +72,7 @@ def _least_squares(target: jhd.ImplicitSurface) -> np.ndarray:
 
 
 def _found(target: jhd.ImplicitSurface, parameters: np.ndarray, method: jhd.BranchAndBound | None) -> dict[str, Any]:
-    """The distance at some parameters, its bounds and its witness."""
+    """Return the distance at some parameters, its bounds and its witness."""
     found = jhd.hausdorff(target, ellipsoid(parameters), method, throw=False)
     return {
         "parameters": parameters,

@@ -1,18 +1,23 @@
 """Do the curve conversions of matplotlib and fontTools keep the tolerance that they promise?
 
-Three conversions, each checked in both directions (two-sided Hausdorff distance) by hausdorff_at_most against the
-tolerance, and measured by hausdorff: (1) curves to polylines in matplotlib (Path.cleaned and Path.to_polygons, which
-flatten as its Agg renderer does), three sizes in pixels; matplotlib names no tolerance, the test of flatness in Agg
-compares with half a pixel; (2) cubics to quadratic splines by fontTools.cu2qu.curve_to_quadratic(curve, max_err); (3)
-quadratic splines to cubics by fontTools.qu2cu.quadratic_to_curves(splines, max_err), both with an em of 1000. Inputs:
-curves of letters and families of random curves in a box of one size or em, hard ones among them: inflections, loops,
-near-cusps, thin curves, and hairpins, which run out and back along nearly one line.
+Three conversions are checked in both directions (two-sided Hausdorff distance) by hausdorff_at_most against the
+tolerance, and measured by hausdorff:
 
-Claims: both conversions of fontTools keep max_err on every input; Agg's flattening keeps its half pixel on the curves
-of letters, on inflections and loops, and breaks it now and then on random curves, on most near-cusps from 100 pixels on
-by less than a fifth of a pixel, and on thin curves and hairpins by up to 46 % of their size at all sizes, as it
-measures how far control points are from the line through both ends, not from the stretch between them. All of it is
-proven, nothing sampled: no case stays undecided, and decisions take fewer steps than distances.
+1. Curves to polylines in matplotlib (Path.cleaned and Path.to_polygons, which flatten as its Agg renderer does), three
+   sizes in pixels. matplotlib names no tolerance; the test of flatness in Agg compares with half a pixel.
+2. Cubics to quadratic splines by fontTools.cu2qu.curve_to_quadratic(curve, max_err).
+3. Quadratic splines to cubics by fontTools.qu2cu.quadratic_to_curves(splines, max_err).
+
+The fontTools conversions use an em of 1000. Inputs are curves of letters and several kinds of random curves in a box of
+one size or em, also hard ones: inflections, loops, near-cusps, thin curves, and hairpins, which run out and back along
+nearly one line.
+
+Claims: both conversions of fontTools keep max_err on every input. Agg's flattening keeps its half pixel on the curves
+of letters, on inflections and loops. It breaks the half pixel occasionally on random curves, and on most near-cusps
+from 100 pixels on by less than a fifth of a pixel. On thin curves and hairpins it breaks it by up to 46 % of their size
+at all sizes: it measures the distance of control points from the line through both ends, not from the
+stretch between them. All results are proven, without sampling: no case stays undecided, and decisions take fewer steps
+than distances.
 
 Feeds: figure and tables "conversions checked".
 Takes: 2 minutes, 1 once compiled.
@@ -38,7 +43,7 @@ from matplotlib.transforms import IdentityTransform
 import jhd
 import jhd.io
 
-# In pixels: curve3_div::init and curve4_div::init of Agg, at the scale of one that matplotlib leaves.
+# In pixels: curve3_div::init and curve4_div::init of Agg, at scale one, which matplotlib keeps.
 FLATNESS = 0.5
 EM = 1000.0
 FONTS = ("DejaVu Sans", "STIXGeneral")
@@ -48,17 +53,17 @@ SPECIMENS = {
     "beyond both ends": ((0.0, 0.0), (-100.0, 0.1), (200.0, 0.1), (100.0, 0.0)),
     "quadratic beyond its end": ((0.0, 0.0), (200.0, 0.1), (100.0, 0.0)),
 }
-# Width and height in pixels of the drawing of the first one, and where its origin lies.
+# Width and height in pixels of the drawing of the first one, and its origin in it.
 _CANVAS, _ORIGIN = (108, 9), (4.0, 4.5)
 
 # Runs of segments (segments, points, 2) in units of one size or em.
 Families = dict[str, list[np.ndarray]]
-# From such a run in pixels or font units to another one; None where the conversion gives up.
+# Converts such a run in pixels or font units; None if the conversion gives up.
 Convert = Callable[[np.ndarray], np.ndarray | None]
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     count = 3 if run.smoke else 60
     runs = _letters("ao" if run.smoke else string.ascii_lowercase)
@@ -85,7 +90,7 @@ def main() -> None:
 
 
 def _letters(letters: str) -> list[np.ndarray]:
-    """The runs of curved quadratics in the outlines of the letters of both fonts, em 1."""
+    """Return the runs of curved quadratics in the outlines of the letters of both fonts, em 1."""
     runs = []
     for curve in (jhd.io.load_glyph(font, letter, size=1.0) for font in FONTS for letter in letters):
         if curve.degree < 2:
@@ -100,7 +105,7 @@ def _letters(letters: str) -> list[np.ndarray]:
 
 
 def _families(random: np.random.Generator, count: int, points: int) -> Families:
-    """Random curves with this many control points, turned by a random angle."""
+    """Return random curves with this many control points, turned by a random angle."""
     kinds = _CUBICS if points == 4 else _QUADRATICS
     found: Families = {}
     for name, make in kinds.items():
@@ -112,7 +117,7 @@ def _families(random: np.random.Generator, count: int, points: int) -> Families:
 
 
 def _small(random: np.random.Generator, low: float, high: float) -> float:
-    """A power of ten with a random exponent."""
+    """Return a power of ten with a random exponent."""
     return 10 ** random.uniform(low, high)
 
 
@@ -121,13 +126,13 @@ def _thin(random: np.random.Generator, points: int) -> np.ndarray:
 
 
 def _hairpin(random: np.random.Generator, points: int) -> np.ndarray:
-    """The ends close together, the other control points about as far along as each other."""
+    """Return a curve with its ends close together, the other control points about equally far along."""
     along = np.concatenate([[0], random.uniform(0.5, 1, points - 2), [_small(random, -5, -2)]])
     return np.stack([along, _small(random, -5, -2) * random.standard_normal(points)], axis=-1)
 
 
 def _near_cusp(random: np.random.Generator) -> np.ndarray:
-    """A cubic with a cusp, moved a little."""
+    """Return a cubic with a cusp, moved a little."""
     cusp = np.array([(0, 0), (1, 0.7), (0, 0.7), (1, 0)])
     return cusp + _small(random, -6, -1) * random.standard_normal((4, 2))
 
@@ -148,13 +153,13 @@ _CUBICS: dict[str, Callable[[np.random.Generator], Any]] = {
 
 
 def _splines(cubics: list[np.ndarray]) -> list[np.ndarray]:
-    """Cubics as quadratic splines, to be turned back."""
+    """Convert cubics to quadratic splines, the input of the reverse conversion."""
     found = (_to_quadratics(cubic * EM, 1.0) for cubic in cubics)
     return [spline / EM for spline in found if spline is not None]
 
 
 def _flattened(curve: np.ndarray) -> np.ndarray:
-    """The polyline that Agg draws for one curve, by both public ways to it."""
+    """Return the polyline that Agg draws for one curve, by both public ways to it."""
     path = _path(curve[0])
     cleaned = path.cleaned(curves=False)
     rows = np.asarray(cleaned.vertices)[np.asarray(cleaned.codes) != Path.STOP]
@@ -165,12 +170,12 @@ def _flattened(curve: np.ndarray) -> np.ndarray:
 
 
 def _path(points: np.ndarray) -> Path:
-    """One curve of degree two or three; matplotlib's code of a curve is its number of control points."""
+    """Return a path of one curve of degree two or three; its matplotlib code is its number of control points."""
     return Path(points, np.array([Path.MOVETO, *[len(points)] * (len(points) - 1)]))
 
 
 def _to_quadratics(curve: np.ndarray, limit: float) -> np.ndarray | None:
-    """The quadratic spline of one cubic, with the points that its format implies written out."""
+    """Return the quadratic spline of one cubic, with the implied points of its format written out."""
     try:
         points = np.array(curve_to_quadratic(curve[0].tolist(), limit))
     except ApproxNotFoundError:
@@ -181,13 +186,13 @@ def _to_quadratics(curve: np.ndarray, limit: float) -> np.ndarray | None:
 
 
 def _to_cubics(curve: np.ndarray, limit: float) -> np.ndarray:
-    """The cubics of a run of quadratics."""
+    """Return the cubics of a run of quadratics."""
     splines: Any = [[(x, y) for x, y in rows] for rows in curve.tolist()]
     return np.array(quadratic_to_curves(splines, limit, all_cubic=True))
 
 
 def _check(name: str, tolerance: float, size: float, families: Families, convert: Convert) -> list[dict[str, Any]]:
-    """Every input converted, decided and measured; one entry for each family."""
+    """Convert, decide and measure every input; return one entry for each kind of curve."""
     return [_entry(name, tolerance, size, family, curves, convert) for family, curves in families.items()]
 
 
@@ -218,7 +223,7 @@ def _entry(
 
 
 class _Case:
-    """One input, its conversion, and what is proven of their distance."""
+    """One input, its conversion, and the proven results on their distance."""
 
     def __init__(self, a: np.ndarray, b: np.ndarray, tolerance: float):
         self.a, self.b = a, b
@@ -233,7 +238,7 @@ def _specimen(name: str, points: np.ndarray) -> dict[str, Any]:
 
 
 def _drawings(points: np.ndarray) -> dict[str, np.ndarray]:
-    """Pixels (0 black, 255 white) of a line one pixel wide along a curve, and along a thousand chords of it."""
+    """Draw lines one pixel wide along a curve and along a thousand chords of it; pixels 0 black, 255 white."""
     chords = Path(sample(points[None], 1000) + _ORIGIN)
     return {name: _pixels(path) for name, path in (("curve", _path(points + _ORIGIN)), ("chords", chords))}
 
@@ -248,7 +253,7 @@ def _pixels(path: Path) -> np.ndarray:
 
 
 def _summary(entries: list[dict[str, Any]]) -> str:
-    """Each conversion over all families, sizes and tolerances."""
+    """Summarize each conversion over all kinds of curves, sizes and tolerances."""
     header = ["conversion", "curves", "kept", "broken", "undecided", "given up", "median / tolerance", "largest"]
     header += ["steps: distances", "decisions"]
     rows = []

@@ -1,17 +1,17 @@
-"""How far apart are the letters of two fonts, and is the nearest letter of the other font proven to be the same one?
+"""How far apart are the letters of two fonts, and is the nearest letter of the other font proven to be its namesake?
 
 All 26 x 26 two-sided Hausdorff distances between the lower-case outlines of DejaVu Sans (a sans serif of even strokes)
-and STIX General (a Times: serifs, contrast, a g of two storeys), each letter scaled to the x-height of its font and
-centered. Fonts of one design would find each other by their skeletons; these two share nothing but the alphabet. Then
-the nearest letters are looked for without the matrix: boxes give a first proven lower bound, the letters that they
-leave are asked whether they are nearer than the best so far (hausdorff_at_most), and only those that are get their
-distance computed. And SciPy's k-d tree on samples of the outlines, in one process on one core, trees built once for
-each letter.
+and STIX General (a Times: serifs, contrast, a g of two storeys). Each letter is scaled to the x-height of its font and
+centered. Fonts of one design would find each other by their skeletons; these two have only the alphabet in common.
 
-Claims: every distance has bounds closer than 1e-9 x-heights; every nearest letter is proven, or tied with another one
-within that (i and l of STIX General reach equally far beyond those of DejaVu Sans); the search finds what the matrix
-says with less than a tenth of its distances; samples 0.002 x-heights apart take longer than the proof, and err by up to
-0.6 of that.
+Then the nearest letters are searched without the matrix. Boxes give a first proven lower bound. For the remaining
+letters, hausdorff_at_most decides if they are nearer than the best so far; only then their distance is computed. For
+comparison, SciPy's k-d tree on samples of the outlines, in one process on one core, trees built once for each letter.
+
+Claims: every distance has bounds closer than 1e-9 x-heights. Every nearest letter is proven, or tied with another one
+within that distance (i and l of STIX General reach equally far beyond those of DejaVu Sans). The search finds the
+matrix's results with less than a tenth of its distances. Samples 0.002 x-heights apart take longer than the proof, and
+err by up to 0.6 of this spacing.
 
 Feeds: figure and tables "letters of two fonts".
 Takes: 2 minutes, 1 once compiled.
@@ -36,9 +36,9 @@ Letters = Mapping[str, jhd.BezierSegments]
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)
-    # Without m and g of STIX, whose 49 segments need programs of their own.
+    # Without m and g of STIX, whose 49 segments would need compiled functions of their own.
     letters = "ailop" if run.smoke else string.ascii_lowercase
     first, second = (alphabet(font, letters) for font in FONTS)
     solutions, took = _timed(lambda: _matrix(first, second))
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def _timed(function: Callable[[], Any]) -> tuple[Any, float]:
-    """The result of a call, and the least wall time of three after it: the first one compiles, others only add."""
+    """Return the result of a call, and the least wall time of three later calls; the first call compiles."""
     found, times = function(), []
     for _ in range(3):
         start = time.perf_counter()
@@ -72,7 +72,7 @@ def _matrix(first: Letters, second: Letters) -> list[list[jhd.HausdorffSolution]
 
 
 def _record(solutions: list[list[jhd.HausdorffSolution]], letters: str, took: float) -> dict[str, Any]:
-    """Values, bounds and work of all pairs, and the nearest letter of each row and column."""
+    """Collect values, bounds and work of all pairs, and the nearest letter of each row and column."""
     table = {
         key: np.array([[float(getattr(s, key)) for s in row] for row in solutions])
         for key in ("value", "lower", "upper")
@@ -87,7 +87,7 @@ def _record(solutions: list[list[jhd.HausdorffSolution]], letters: str, took: fl
 
 
 def _ranked(letters: str, lower: np.ndarray, upper: np.ndarray) -> dict[str, Any]:
-    """The nearest letter, those whose bounds overlap with its, and the proven ratio of the next distance to its own."""
+    """Return the nearest letter, letters with overlapping bounds, and the proven ratio of the next distance."""
     best = int(np.argmin(upper))
     tied = [letters[k] for k in np.flatnonzero(lower <= upper[best]) if k != best]
     second = int(np.argsort(lower)[1 if lower[best] == lower.min() else 0])
@@ -95,7 +95,7 @@ def _ranked(letters: str, lower: np.ndarray, upper: np.ndarray) -> dict[str, Any
 
 
 class _Found(NamedTuple):
-    """One search: the nearest letter, those whose bounds overlap with its, and the pairs that took more than boxes."""
+    """One search: the nearest letter, letters with overlapping bounds, and the pairs that took more than boxes."""
 
     nearest: str
     tied: list[str]
@@ -104,7 +104,7 @@ class _Found(NamedTuple):
 
 
 def _search(queries: Letters, others: Letters) -> dict[str, Any]:
-    """The nearest letter of each query, with the counts of work; the steps are counted afterwards."""
+    """Find the nearest letter of each query, with the counts of work; the steps are counted afterwards."""
 
     def find() -> dict[str, _Found]:
         boxes = {name: _Box.of(curve) for name, curve in others.items()}
@@ -128,7 +128,7 @@ def _search(queries: Letters, others: Letters) -> dict[str, Any]:
 
 
 def _nearest(curve: jhd.BezierSegments, others: Letters, boxes: Mapping[str, "_Box"]) -> _Found:
-    """The nearest of the others: boxes first, decisions where they do not tell, distances of those that come nearer."""
+    """Return the nearest letter: boxes first, then decisions if boxes cannot tell, then distances of nearer letters."""
     mine = _Box.of(curve)
     lower = {name: mine.distance(box) for name, box in boxes.items()}
     first, *rest = sorted(others, key=lambda name: lower[name])
@@ -143,7 +143,7 @@ def _nearest(curve: jhd.BezierSegments, others: Letters, boxes: Mapping[str, "_B
             continue
         solution = jhd.hausdorff(curve, others[name])
         found.distances.append(name)
-        # Where the bounds of both overlap there is no proof that either is the nearer one.
+        # If the bounds of both overlap, neither is proven to be the nearer one.
         if solution.upper < best.lower:
             best, found = solution, found._replace(nearest=name, tied=[])
         elif solution.lower <= best.upper:
@@ -159,19 +159,19 @@ class _Box(NamedTuple):
 
     @staticmethod
     def of(curve: jhd.BezierSegments) -> "_Box":
-        """Ends of segments lie on the curve, and control points around it; low corners with the sign turned."""
+        """Return both boxes: segment ends lie on the curve, control points around it; low corners are negated."""
         points = np.asarray(curve.control_points)
         signed = np.concatenate([-points, points], axis=-1)
         return _Box(signed[:, [0, -1]].max(axis=(0, 1)), signed.max(axis=(0, 1)))
 
     def distance(self, other: "_Box") -> float:
-        """A proven lower bound of the Hausdorff distance: how far one curve reaches beyond the other's box."""
+        """Return a proven lower bound of the Hausdorff distance: how far one curve reaches beyond the other's box."""
         reach = max(np.max(self.inner - other.outer), np.max(other.inner - self.outer), 0.0)
         return float(np.nextafter(reach, -np.inf))
 
 
 def _sampled(first: Letters, second: Letters, spacing: float, matrix: dict[str, Any]) -> dict[str, Any]:
-    """The matrix by k-d trees of samples this far apart: time, and errors against the proven distances."""
+    """Compute the matrix by k-d trees of samples this far apart: time, and errors against the proven distances."""
     rows = [[_samples(curve, spacing) for curve in letters.values()] for letters in (first, second)]
 
     def answers() -> np.ndarray:
@@ -193,7 +193,7 @@ def _sampled(first: Letters, second: Letters, spacing: float, matrix: dict[str, 
 
 
 def _samples(curve: jhd.BezierSegments, spacing: float) -> np.ndarray:
-    """Points along all segments, neighbors at most about `spacing` apart."""
+    """Return points along all segments, neighbors at most about `spacing` apart."""
     points = np.asarray(curve.control_points)
     lengths = np.sum(np.linalg.norm(np.diff(points, axis=1), axis=-1), axis=-1)
     rows = [sample(piece[None], int(np.ceil(length / spacing))) for piece, length in zip(points, lengths, strict=True)]
@@ -203,7 +203,7 @@ def _samples(curve: jhd.BezierSegments, spacing: float) -> np.ndarray:
 def _pairs(
     first: Letters, second: Letters, solutions: list[list[jhd.HausdorffSolution]], letters: str
 ) -> list[dict[str, Any]]:
-    """The pairs that are drawn: the closest and the farthest of one letter, and the worst miss either way."""
+    """Return the pairs of the figure: the closest and farthest with one letter, and the worst miss either way."""
     value = np.array([[float(s.value) for s in row] for row in solutions])
     same = np.diag(value)
     chosen = [("closest", *(int(np.argmin(same)),) * 2), ("farthest", *(int(np.argmax(same)),) * 2)]
@@ -225,7 +225,7 @@ def _pairs(
 
 
 def _plain(curve: jhd.BezierSegments) -> np.ndarray:
-    """The control points without the repetitions of the last segment."""
+    """Return the control points without the repetitions of the last segment."""
     points = np.asarray(curve.control_points)
     return points[: 1 + int(np.argmax(np.all(points == points[-1], axis=(1, 2))))]
 
@@ -263,13 +263,13 @@ def _search_table(numbers: dict[str, Any]) -> str:
 
 
 def _counts(letters: str, nearest: list[str], tied: list[list[str]]) -> list[int]:
-    """Letters whose nearest one is proven to be the same, proven to be another, and tied."""
+    """Count letters whose nearest one is proven to be its namesake, proven to be another, and tied."""
     clear = [x == y for x, y, others in zip(letters, nearest, tied, strict=True) if not others]
     return [sum(clear), len(clear) - sum(clear), len(letters) - len(clear)]
 
 
 def _misses_table(numbers: dict[str, Any]) -> str:
-    """The letters whose nearest one is another or tied, and the closest of the other calls."""
+    """Format letters whose nearest one is another or tied, and the closest of the other calls."""
     rows = []
     for name, entries in numbers["matrix"]["nearest"].items():
         font = numbers["fonts"][name == "columns"]

@@ -1,13 +1,13 @@
-"""Is the derivative of a Hausdorff distance right where the nearest point jumps, and what does naive autodiff give?
+"""Is the derivative of a Hausdorff distance right if the nearest point jumps, and how wrong is naive autodiff?
 
-Two parts. (1) An arc rises inside a parabola and then turns on its side, so that the directed distance passes from one
-foot (antipodal) to two feet (one-to-two), and to an end of the arc. Along that path: the rule of jhd, the derivative
-that automatic differentiation through max and min gives (that of the one pair of points they pick), and central
-differences of the proven value. (2) Random pairs of every kind of curve, along random directions in all control points,
-weights and knots: the largest relative error of the rule, and of second derivatives, for each kind of event.
+Two parts. (1) An arc rises inside a parabola and then turns on its side. So the directed distance passes from one foot
+(antipodal) to two feet (one-to-two), and to an end of the arc. Along this path three derivatives are compared: the rule
+of jhd; automatic differentiation through max and min, which differentiates the one pair of points that they pick; and
+central differences of the proven value. (2) Random pairs of every kind of curve, along random directions in all control
+points, weights and knots: the largest relative error of the rule, and of second derivatives, for each kind of event.
 
 Claims: first and second derivatives agree with differences to 1e-6 for all events; naive differentiation is wrong
-wherever two feet are active, on this path by up to 1.2 where the derivative is 2.1.
+whenever two feet are active, on this path by up to 1.2 when the derivative is 2.1.
 
 Feeds: figure "gradient check" and the table of errors.
 Takes: 3 minutes, two of it once compiled.
@@ -24,10 +24,10 @@ from common import Run, markdown
 import jhd
 from jhd._results.solution import name_of
 
-# As a cubic, so that its programs are those of two random cubics.
+# As a cubic, so that it needs no other compiled functions than two random cubics.
 PARABOLA = jnp.array([[-2.0, 4.0], [-2 / 3, -4 / 3], [2 / 3, -4 / 3], [2.0, 4.0]])
 ARC = jnp.array([[-0.35, -0.05], [-0.12, 0.1], [0.12, 0.1], [0.35, -0.05]])
-# The arc turns from this place of the path on, by so many radians for the cube of a unit of it.
+# The arc turns from this parameter of the path on, by TURN radians times the cube of the parameter beyond it.
 TURN_FROM, TURN = 0.45, 11.0
 # Step of the differences of values and of gradients.
 STEP = 1e-5
@@ -44,7 +44,7 @@ KINDS = (
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     path = _path(np.linspace(0.0, 1.0, 9 if run.smoke else 161))
     pairs = _pairs(run, KINDS[:1] if run.smoke else KINDS, 2 if run.smoke else 12)
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def arc(u: Any) -> jhd.BezierCurve:
-    """The arc at a place of the path."""
+    """Return the arc at a parameter of the path."""
     angle = -TURN * jnp.maximum(u - TURN_FROM, 0.0) ** 3
     turned = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
     return jhd.BezierCurve(ARC @ turned.T + jnp.array([0.03 + 0.1 * u, 0.2 + u]))
@@ -68,7 +68,7 @@ def _distance(u: Any) -> jhd.HausdorffSolution:
 
 
 def _path(places: np.ndarray) -> dict[str, Any]:
-    """Distance and derivatives along the path; differences are left out where the event changes within their step."""
+    """Compute distance and derivatives along the path; no differences if the event changes within their step."""
     rule = jax.value_and_grad(lambda u: _distance(u).value)
     numbers: dict[str, Any] = {key: [] for key in ("u", "value", "event", "rule", "naive", "difference")}
     for u in places:
@@ -85,14 +85,14 @@ def _path(places: np.ndarray) -> dict[str, Any]:
 
 
 def _naive(u: float, solution: jhd.HausdorffSolution) -> jax.Array:
-    """Derivative of the distance of the pair that max and min pick, as differentiating through them gives it."""
+    """Return the derivative of the distance of the one pair that max and min pick, as autodiff through them does."""
     t, s = solution.witness.t, solution.witness.feet_params[0]
     foot = jhd.BezierCurve(PARABOLA)(s)
     return jax.grad(lambda u: jnp.linalg.norm(arc(u)(t) - foot))(u)
 
 
 def _pairs(run: Run, kinds: tuple, count: int) -> dict[str, dict[str, list[float]]]:
-    """Relative errors of first and second derivatives, by event."""
+    """Return relative errors of first and second derivatives, by event."""
     errors: dict[str, dict[str, list[float]]] = {}
     for first, second in kinds:
         for _ in range(count):
@@ -106,12 +106,12 @@ def _pairs(run: Run, kinds: tuple, count: int) -> dict[str, dict[str, list[float
 
 
 def _move(run: Run, x: Any) -> Any:
-    """A random direction, small, so that the order of knots stays."""
+    """Return a random direction, small enough to keep the order of knots."""
     return jnp.asarray(0.02 * run.random.normal(size=x.shape)) if eqx.is_inexact_array(x) else None
 
 
 def _errors(shapes: Any, move: Any) -> tuple[str, float, float] | None:
-    """The event and both errors; None where the event changes within the step of the differences."""
+    """Return the event and both errors; None if the event changes within the step of the differences."""
 
     def moved(h: Any) -> Any:
         return jax.tree_util.tree_map(lambda x, v: x if v is None else x + h * v, shapes, move, is_leaf=_is_none)
@@ -127,7 +127,7 @@ def _errors(shapes: Any, move: Any) -> tuple[str, float, float] | None:
         return None
     first = (float(near[0].value) - float(near[1].value)) / (2 * STEP)
     second = (float(slope(STEP)) - float(slope(-STEP))) / (2 * STEP)
-    # Relative to the size of the move, 0.02, and of its square, where a derivative happens to vanish.
+    # If a derivative happens to vanish, errors are relative to the size of the move, 0.02, or to its square.
     off = abs(float(slope(0.0)) - first) / max(abs(first), 0.02)
     return name_of(here.event), off, abs(float(jax.grad(slope)(0.0)) - second) / max(abs(second), 4e-4)
 
@@ -137,7 +137,7 @@ def _is_none(x: Any) -> bool:
 
 
 def curve(kind: str, random: np.random.Generator, spread: float = 1.0) -> jhd.BezierCurve | jhd.BSplineCurve:
-    """A random curve of a kind."""
+    """Return a random curve of a kind."""
     if kind in ("closed", "nurbs"):
         angle = 2 * np.pi * np.arange(7) / 7
         rows = spread * np.stack([np.cos(angle), np.sin(angle)], axis=1) + 0.2 * random.normal(size=(7, 2))

@@ -1,15 +1,16 @@
 """What do distance map, cones and trimmed parts of Kim et al. 2010 look like, and do they keep what they promise?
 
-Pairs of curves a, b of 15 control points, one for each kind of event. The map of b, replaced by biarcs, gives the
-distance at each pixel and the nearest arc (figure 8 of the source); over the plane it is the lower envelope of cones
-about the arcs (figure 7). Read along a (figure 9) and lowered by the deviation of the arcs and half the diagonal of a
-pixel, it gives the lower bound LB; arcs of a that are proven to lie in the region of radius LB about b are trimmed
-(figures 10 and 17), by the package's exact test. Here only a is; what of b is left where b is trimmed too, as
-published, is kept for the picture. With --a A --b B the pair is that of two plane curves.
+The curves a, b of each pair have 15 control points; there is one pair for each kind of event. Biarcs replace b. The
+map of b stores for each pixel the distance and the nearest arc (figure 8 of the source). Over the plane it is the lower
+envelope of cones about the arcs (figure 7). The map is read along a (figure 9). The largest reading, less the
+deviation of the arcs and half the diagonal of a pixel, is the lower bound LB. If an arc of a is proven to lie in the
+region of radius LB about b, it is trimmed (figures 10 and 17), by the package's exact test. Here only a is trimmed. The
+rest of b after trimming both curves, as published, is kept for the picture. With --a A --b B the pair is two given
+plane curves.
 
-Claims: at random pixels the proven distance is within the map's error of the stored one; LB is below
-the distance by less than twice what is subtracted; what is trimmed is proven, by branch and bound, to be within LB of
-b; the place of the maximum is left; less than a tenth of a is.
+Claims: at random pixels the proven distance agrees with the stored one within the map's error; LB is below the distance
+by less than twice the subtracted errors; the trimmed parts are proven, by branch and bound, to be within LB of b; the
+location of the maximum is not trimmed; less than a tenth of a is left.
 
 Feeds: figures "distance map, cones and trimming" and "four pairs" (figures 7 to 10, 17 and 18 of Kim et al. 2010 and
 figure 1 of Cao et al. 2014, with data of our own).
@@ -31,24 +32,24 @@ from jhd._shapes.curve import AbstractCurve
 
 # The pair whose second curve is mapped.
 MAPPED, COUNT = "self_bisector", 15
-# The name of a pair that is given.
+# The name of a pair that the user passes.
 GIVEN = "given"
-# Deviations as shares of the diagonal: of the arcs drawn with the map, and of those that trim.
+# Deviations as fractions of the diagonal: of the arcs drawn with the map, and of the arcs that trim.
 COARSE, FINE = 3e-3, 1e-4
-# Pixels along the sides of the map that is read, and of the one that is drawn; samples of a, about three a pixel.
+# Pixels along the sides of the map that is read, and of the drawn one; samples of a, about three a pixel.
 PIXELS, DRAWN, READ = 512, 240, 6000
-# Pixels of the map of each pair, and one of so many samples of a, which are drawn.
+# Pixels of the map of each pair; of the samples of a, the figure shows one in EVERY.
 SMALL, EVERY = 160, 10
-# Pixels whose distance is compared with the proven one.
+# Number of pixels whose distance is compared with the proven one.
 CHECKED = 2000
-# What the box of the map leaves around both curves as a share of the diagonal, and that of the region, of LB.
+# Margin of the map around both curves as a fraction of the diagonal, and margin of the region in units of LB.
 MARGIN, AROUND = 0.12, 1.15
-# The curve left is less than this.
+# Upper limit of the fraction of the curve that is left.
 LEFT = 0.1
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, pair=AbstractCurve)
     pixels, drawn, number = (128, 40, 50) if run.smoke else (PIXELS, DRAWN, CHECKED)
     own = {kind: pair(kind, COUNT) for kind in ((MAPPED,) if run.smoke else KINDS)}
@@ -66,7 +67,7 @@ def main() -> None:
 
 
 def _stored(field: jhd.DistanceMap) -> dict[str, Any]:
-    """The map for drawing, and its arcs as rational segments."""
+    """Return the map for drawing, and its arcs as rational segments."""
     arcs = field.arcs.segments()
     return {
         **_drawn(field),
@@ -77,14 +78,14 @@ def _stored(field: jhd.DistanceMap) -> dict[str, Any]:
 
 
 def _drawn(field: jhd.DistanceMap) -> dict[str, Any]:
-    """Distances to five digits, for drawing."""
+    """Return distances to five digits, for drawing."""
     return {"x": field.centers[0], "y": field.centers[1], "distance": np.round(np.asarray(field.distance), 5)}
 
 
 def _checked(
     field: jhd.DistanceMap, b: jhd.BezierSegments, random: np.random.Generator, number: int
 ) -> dict[str, float]:
-    """The largest difference between stored and proven distances at random pixels, which may not exceed the error."""
+    """Compare stored and proven distances at random pixels; the largest difference may not exceed the error."""
     i, j = (random.integers(0, size, number) for size in field.distance.shape)
     x, y = (np.asarray(center) for center in field.centers)
     found = jhd.project(np.stack([x[i], y[j]], axis=1), b)
@@ -97,7 +98,7 @@ def _checked(
 
 
 def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: int) -> dict[str, Any]:
-    """The published lower bound, what of a is left by it, and the check of both."""
+    """Return the published lower bound, the parts of a that it leaves, and the check of both."""
     a, b = first.segments(), second.segments()
     low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
@@ -141,7 +142,7 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
         "map": _stored(coarse),
         "profile": {"t": along[::EVERY], "lower": np.round(read[::EVERY], 6)},
         "parts": {"segment": segment, "t0": t0, "t1": t1, "left": left},
-        # As published b is trimmed by the same bound, which is that of the larger direction here.
+        # As published, b is trimmed by this bound too, which belongs to the larger direction here.
         "parts_of_b": {"segment": others.segment, "t0": others.t0, "t1": others.t1, "left": left_of_b},
         "share_left": share,
         "share_left_of_b": float(np.sum((others.t1 - others.t0)[left_of_b])) / b.count,
@@ -151,7 +152,7 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
 
 
 def _part(curve: jhd.BezierSegments, segment: int, t0: float, t1: float) -> jhd.BezierSegments:
-    """A part of one segment."""
+    """Return a part of one segment."""
     weights = None if curve.weights is None else curve.weights[segment : segment + 1]
     return jhd.BezierSegments(curve.control_points[segment : segment + 1], weights).restrict(t0, t1)
 

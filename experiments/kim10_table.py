@@ -1,22 +1,21 @@
 """What does trimming save, at how many control points, and how does the table of Kim et al. 2010 look today?
 
-Pairs of clamped cubic B-splines of 5 to 120 control points, one for each kind of event as in the source's figure 18,
-whose control points are not printed. For each the two-sided Hausdorff distance by
+Pairs of clamped cubic B-splines of 5 to 120 control points, one for each kind of event as in the source's figure 18.
+The source prints no control points. For each pair the two-sided Hausdorff distance is computed by
 
-- `AlgebraicEvents`, all events without trimming: the method that the source compares with (Elber & Grandine 2008);
+- `AlgebraicEvents`, all events without trimming: the baseline of the source (Elber & Grandine 2008);
 - `BiarcTrimming(variant="paper")`, the source's own steps: a distance map of 512 pixels along the longer side, its
   bound LB, the tests of control points, both curves trimmed;
 - `BiarcTrimming`, ours: a measured bound, an exact test, one curve trimmed; both variants in total and less the time of
   the biarcs, which the source counts as preprocessing;
-- `TwoStep` and `BranchAndBound` of this package, the latter proven from above as well, to 1e-10 of the diagonal.
+- `TwoStep` and `BranchAndBound` of this package, the latter also with proven upper bounds, to 1e-10 of the diagonal.
 
 The deviation of the biarcs is 1e-4 of the diagonal of the pair's box for all sizes. Times are the shortest of several
-warm calls, methods in turn, in one process on one core. Beside them stand the source's times, printed for four pairs of
-the same kinds and sizes, on a Pentium 4 of 2.4 GHz.
+warm calls, methods in turn, in one process on one core. The table also shows the source's times, printed for four pairs
+of these kinds and sizes, on a Pentium 4 of 2.4 GHz.
 
-Claims: without trimming and with ours the value is the proven one to 1e-9 of the diagonal; trimming never looks at
-more boxes. As printed, a foot of the maximum is trimmed for some pairs, and then the value is too small, mostly below
-LB.
+Claims: without trimming and with ours the value is the proven one to 1e-9 of the diagonal; trimming never examines more
+boxes. As printed, a foot of the maximum is trimmed for some pairs, and then the value is too small, mostly below LB.
 
 Feeds: figure and table "trimming" (table 1 of Kim et al. 2010, with data of our own).
 Takes: 3 minutes.
@@ -47,14 +46,14 @@ PRINTED = {
 DEVIATION = 1e-4
 # The name of the source's own steps.
 PAPER = "BiarcTrimming, paper"
-# What the values of both methods of the source may be off by, in diagonals.
+# Tolerated error of the values of both methods of the source, in diagonals.
 AGREE = 1e-9
-# Rounds of all methods for about so many seconds a pair, between these numbers.
+# Rounds of all methods take about BUDGET seconds a pair, and their number stays between these limits.
 BUDGET, FEWEST, MOST = 5.0, 5, 40
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)
     kinds, counts = (KINDS[:1], COUNTS[:1]) if run.smoke else (KINDS, COUNTS)
     budget = 0.0 if run.smoke else BUDGET
@@ -65,7 +64,7 @@ def main() -> None:
 
 
 def _measured(kind: str, count: int, budget: float) -> dict[str, Any]:
-    """One pair: values, boxes and times by method."""
+    """Measure one pair: values, boxes and times by method."""
     a, b = (curve.segments() for curve in pair(kind, count))
     low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
@@ -102,7 +101,7 @@ def _measured(kind: str, count: int, budget: float) -> dict[str, Any]:
 
 
 def _times(calls: dict[str, Callable[[], Any]], budget: float) -> dict[str, float]:
-    """The shortest times in rounds of all calls, each of which has run before."""
+    """Return the shortest times in rounds of all calls, each of which has run before."""
     for call in calls.values():
         jax.block_until_ready(call())
     start = time.perf_counter()
@@ -122,7 +121,7 @@ def _round(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
 
 
 def _checked(found: dict[str, jhd.HausdorffSolution], diagonal: float) -> dict[str, float]:
-    """All values; those without trimming and with ours must be the proven one."""
+    """Return all values; those without trimming and with ours must be the proven one."""
     values = {name: float(solution.value) for name, solution in found.items()}
     for name in ("AlgebraicEvents", "BiarcTrimming"):
         off = abs(values[name] - values["BranchAndBound"])
@@ -132,7 +131,7 @@ def _checked(found: dict[str, jhd.HausdorffSolution], diagonal: float) -> dict[s
 
 
 def _counts(found: dict[str, jhd.HausdorffSolution]) -> dict[str, Any]:
-    """Boxes, cells, arcs and what is left of the curves, of both directions together."""
+    """Count boxes, cells, arcs and remaining parts of the curves, of both directions together."""
 
     def total(name: str, key: str) -> int:
         return sum(int(found[name].stats[f"{way}_{key}"]) for way in ("a_to_b", "b_to_a"))
@@ -152,7 +151,7 @@ def _counts(found: dict[str, jhd.HausdorffSolution]) -> dict[str, Any]:
 
 
 def _size(entries: list[dict[str, Any]]) -> dict[str, Any]:
-    """Geometric means of the times of one size, and the ranges of the ratios."""
+    """Return geometric means of the times of one size, and the ranges of the ratios."""
     times = {key: [entry["seconds"][key] for entry in entries] for key in entries[0]["seconds"]}
     whole, total, bare = (
         np.array(times[key]) for key in ("AlgebraicEvents", "BiarcTrimming", "trimming without biarcs")
@@ -228,7 +227,7 @@ def _sizes(sizes: list[dict[str, Any]]) -> str:
 
 
 def _printed(entries: list[dict[str, Any]]) -> str:
-    """What the source prints, beside its own steps and ours; times with trimming are without the biarcs."""
+    """Compare the source's printed times with its own steps and ours; trimming times exclude the biarcs."""
     header = ["pair as in figure 18", "printed: without (ms)", "with (ms)", "faster", "here: without (ms)"]
     header += ["with, as printed (ms)", "faster", "value / proven", "with, ours (ms)", "faster", "value / proven"]
     rows = []

@@ -1,19 +1,19 @@
 """How fast does a mesh of 67 000 triangles become an adaptive distance field, and how near is the mesh made from it?
 
 Two closed meshes, of about as many triangles as those of the paper (67 036 and 47 858): a bumpy sphere and a knotted
-tube, or with --meshes FILE the mesh of a file in place of the first. Each becomes a field with a tolerance of 1e-3 of
-its longest side, refined in the band about the surface; the first call is timed in a process of its own, compilation
-included, and later ones here. A million points are looked up, the largest error is sampled and proven, and the field is
-turned into a mesh again by marching cubes, whose Hausdorff distances from and to the mesh are bounded. For the first
-mesh there is also a field of ten times the tolerance that is refined everywhere, as published. Stored are a slice of
-each field with its cells, and a view of the extracted surface with the distance of each visible point to the mesh.
+tube. With --meshes FILE, the mesh of a file replaces the first one. Each becomes a field with a tolerance of 1e-3 of
+its longest side, refined in the band about the surface. The first call is timed in a process of its own, compilation
+included, and later ones here. A million points are looked up, and the largest error is sampled and proven. Marching
+cubes turn the field into a mesh again, and its Hausdorff distances from and to the original mesh are bounded. The first
+mesh also gets a field of ten times the tolerance that is refined everywhere, as published. Stored are a slice of each
+field with its cells, and a view of the extracted surface with the distance of each visible point to the mesh.
 
-The paper prints 52 s and 41 s for its two meshes, on a 933 MHz Pentium III and without a tolerance, so these are no
-times to compare with, only the order of magnitude of their day.
+The paper prints 52 s and 41 s for its two meshes, on a 933 MHz Pentium III and without a tolerance. These times show
+only the order of magnitude of their day.
 
 Claims: on the generated meshes less than 15 s with compilation; the largest error is proven to be below twice the
-tolerance; the extracted surface is within twice the tolerance of the mesh, both ways. Where the mesh of a file has gaps
-or sheets thinner than the tolerance these may be closed or lost, and then the mesh is farther from the surface.
+tolerance; the extracted surface is within twice the tolerance of the mesh, both ways. If the mesh of a file has gaps or
+sheets thinner than the tolerance, these may be closed or lost, and then the mesh is farther from the surface.
 
 Feeds: figure "adaptive field of a mesh" and the table of times.
 Takes: 5 minutes.
@@ -34,16 +34,16 @@ from common import Run, markdown, seconds
 
 import jhd
 
-# The tolerances of both modes, and of the Hausdorff distances, as shares of the longest side.
+# The tolerances of both modes, and of the Hausdorff distances, as fractions of the longest side.
 BAND, FULL, HAUSDORFF = 1e-3, 1e-2, 1e-4
 # Triangles and seconds printed in the paper, and vertices.
 PRINTED = ((67_036, 52.0), (47_858, 41.0))
 PRINTED_VERTICES = (33_519, 23_931)
 # Cells along the box for the extracted mesh, pixels of a slice and of a view.
 RESOLUTION, SLICE, VIEW = 384, 240, 260
-# A triangle of the mesh itself is seen at the middles of about half as many squared parts.
+# A triangle of the mesh itself is drawn by the middles of about half as many parts as SHARES squared.
 SHARES = 8
-# Seen from here, with this side up.
+# Eye direction of the view, and its upward direction.
 EYE, UP = np.array([0.45, 0.35, 1.0]), np.array([0.0, 1.0, 0.0])
 _FIRST_CALL = """
 import sys, time, numpy, jhd
@@ -56,7 +56,7 @@ print(time.perf_counter() - start)
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, meshes=True)
     n = 6 if run.smoke else 75
     given = [(run.meshes[0].stem, common_meshes.load(run.meshes[0]))] if run.meshes else []
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def knot(rows: int, columns: int) -> jhd.TriangleMesh:
-    """A closed tube about a trefoil knot, of 2 rows columns triangles."""
+    """Return a closed tube about a trefoil knot, of 2 rows columns triangles."""
     u = np.linspace(0, 2 * np.pi, rows, endpoint=False)[:, None]
     v = np.linspace(0, 2 * np.pi, columns, endpoint=False)[None, :, None]
 
@@ -131,7 +131,7 @@ def _measured(name: str, mesh: jhd.TriangleMesh, run: Run, full: bool) -> dict[s
 
 
 def _first_call(mesh: jhd.TriangleMesh, atol: float) -> float:
-    """Seconds of the first field that a process builds, without a cache of compiled programs."""
+    """Return the seconds of the first field that a process builds, without cached compiled functions."""
     environment = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
     environment["JHD_CACHE"] = "0"
     root = str(Path(__file__).resolve().parent.parent)
@@ -145,16 +145,16 @@ def _first_call(mesh: jhd.TriangleMesh, atol: float) -> float:
 
 
 def _full(mesh: jhd.TriangleMesh, atol: float, smoke: bool) -> dict[str, Any]:
-    """The published mode, which refines everywhere."""
+    """Build a field in the published mode, which refines everywhere."""
     field = jhd.AdaptiveDistanceField.build(mesh, atol, "full")
     time = seconds(lambda: jhd.AdaptiveDistanceField.build(mesh, atol, "full").values, 0 if smoke else 1)
     return {"atol": atol, "build": time, "leaves": field.leaves, "sampled": field.sampled_error(mesh, 20_000)}
 
 
 def _slice(field: jhd.AdaptiveDistanceField, pixels: int) -> dict[str, Any]:
-    """The field in the plane in the middle of the third axis, and the leaves that it cuts: lower corners and sides."""
+    """Return the field in the middle plane of the third axis, and the leaves that it cuts: lower corners and sides."""
     lower, upper, spacing = (np.asarray(x) for x in (field.lower, field.upper, field.spacing))
-    # A little off the middle, where faces of leaves lie.
+    # A little off the middle, which contains faces of leaves.
     height = 0.5 * (lower[2] + upper[2]) + 0.3 * float(spacing)
     steps = [np.linspace(a, b, pixels) for a, b in zip(lower[:2], upper[:2], strict=True)]
     x, y = np.meshgrid(*steps, indexing="ij")
@@ -170,7 +170,7 @@ def _slice(field: jhd.AdaptiveDistanceField, pixels: int) -> dict[str, Any]:
 
 
 def _view(extracted: jhd.TriangleMesh, mesh: jhd.TriangleMesh, pixels: int) -> dict[str, Any]:
-    """A parallel view: for each pixel that sees the surface, its distance to the mesh, and how it faces the eye."""
+    """Return a parallel view: for each pixel on the surface, its distance to the mesh, and how it faces the eye."""
     places, light, side = _seen(extracted, pixels, 1)
     visible = np.isfinite(light)
     distance = np.full(light.shape, np.nan)
@@ -179,15 +179,15 @@ def _view(extracted: jhd.TriangleMesh, mesh: jhd.TriangleMesh, pixels: int) -> d
 
 
 def _lit(mesh: jhd.TriangleMesh, pixels: int) -> dict[str, Any]:
-    """The same view of a mesh, without distances."""
+    """Return a view of a mesh from this direction, without distances."""
     _, light, side = _seen(mesh, pixels, SHARES)
     return {"light": _rows(light), "side": side}
 
 
 def _seen(mesh: jhd.TriangleMesh, pixels: int, shares: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Of each pixel the nearest place of a mesh, how it faces the eye, and the side of the view.
+    """Return for each pixel the nearest point of a mesh, how it faces the eye, and the side of the view.
 
-    Triangles are seen at the middles of `shares` squared parts of each, so larger ones than a pixel need several.
+    Triangles are drawn by the middles of about `shares` squared / 2 parts; large triangles need several parts.
     """
     eye = EYE / np.linalg.norm(EYE)
     right = np.cross(UP, eye)
@@ -212,7 +212,7 @@ def _seen(mesh: jhd.TriangleMesh, pixels: int, shares: int) -> tuple[np.ndarray,
 
 
 def _rows(image: np.ndarray) -> list[list[float | None]]:
-    """An image to three digits, for drawing."""
+    """Round an image to three digits, for drawing."""
     return [[None if np.isnan(x) else float(f"{x:.3g}") for x in row] for row in image]
 
 

@@ -1,14 +1,14 @@
-"""How far off is the published voxel method for the minimum distance of two surfaces, and where does its 2.0020 lie?
+"""How far off is the published voxel method for the minimum distance of two surfaces, and which grid gives its 2.0020?
 
 The paper's example: the spheres x^2 + y^2 + z^2 = 9 and x^2 + (y - 7)^2 + z^2 = 4, whose distance is 2. Cubes of side
-0.09 = (n - 1) eps for eps = 0.01 and n = 10 lines; the paper reports 2.0020. The grid is moved in steps of eps along x
-and z, since the paper does not say where it lies, and all pairs of cubes that are equally near are sampled, since it
-does not say which is taken. Beside it the proven bounds of `minimum_distance`.
+0.09 = (n - 1) eps for eps = 0.01 and n = 10 lines; the paper reports 2.0020. The paper does not give the position of
+the grid, so the grid is moved in steps of eps along x and z. It does not say which of several equally near pairs of
+cubes it takes, so all of them are sampled. For comparison: the proven bounds of `minimum_distance`.
 
-Claims: the answer depends on the grid and on the pair of cubes that is taken, up to 2.0166, and for the first pair it
-is more than eps above 2 on most grids, so the stated error is not kept; 2.0020 is among the answers, as that of the
-line x = 0.07, z = 0, for which the paper prints x = 0.0070 (the printed points are 8e-4 and 1.2e-3 off the spheres,
-those of x = 0.0700 are not). The proven bounds hold 2 and are less than 3e-12 apart.
+Claims: the answer depends on the grid and on the pair of cubes, up to 2.0166. For the first pair it is more than eps
+above 2 on most grids, so the stated error is not kept. 2.0020 is among the answers: it belongs to the line x = 0.07,
+z = 0, for which the paper prints x = 0.0070 (the printed points are 8e-4 and 1.2e-3 off the spheres; with x = 0.0700
+they are not). The proven bounds hold 2 and are less than 3e-12 apart.
 
 Feeds: figure "lin03 spheres" and the table of answers.
 Takes: 2 minutes.
@@ -24,13 +24,13 @@ import jhd
 EPS, LINES = 0.01, 10
 RADII, CENTER = (3.0, 2.0), 7.0
 PRINTED = 2.0020
-# The points as printed; the second number is the coordinate that is read as 0.0700.
+# The points as printed, and the value that replaces their first coordinate.
 PRINTED_POINTS = ((0.0070, 2.9992, 0.0), (0.0070, 5.0012, 0.0))
 READ_AS = 0.0700
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     first = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 9", [-3, -3, -3], [3, 3, 3])
     second = jhd.ImplicitSurface.parse("x^2 + (y - 7)^2 + z^2 - 4", [-2, 5, -2], [2, 9, 2])
@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def _answers(first: jhd.ImplicitSurface, second: jhd.ImplicitSurface, i: int, j: int) -> dict[str, Any]:
-    """The distances in all nearest pairs of cubes of one grid, and where their samples are."""
+    """Return the distances in all nearest pairs of cubes of one grid, and the points of their samples."""
     origin = np.array([-3 - i * EPS, -3.0, -3 - j * EPS])
     pairs = jhd.published.VoxelPairs((LINES - 1) * EPS, LINES, origin=origin).pairs(first, second)
     good = np.isfinite(pairs.distance)
@@ -78,12 +78,12 @@ def _answers(first: jhd.ImplicitSurface, second: jhd.ImplicitSurface, i: int, j:
 
 
 def _along(x: float) -> float:
-    """Distance of the spheres along the line with this x and z = 0."""
+    """Return the distance of the spheres along the line with this x and z = 0."""
     return CENTER - sum(np.sqrt(r**2 - x**2) for r in RADII)
 
 
 def _off(x: float, y: float, z: float) -> float:
-    """How far a point is from the nearer of the spheres."""
+    """Return the distance of a point from the nearer sphere."""
     return min(abs(np.hypot(np.hypot(x, y - c), z) - r) for c, r in zip((0.0, CENTER), RADII, strict=True))
 
 

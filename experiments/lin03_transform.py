@@ -1,14 +1,14 @@
 """How accurate and fast are distance transforms of voxel grids: published, exact and SciPy's?
 
 Three parts. (1) The one-dimensional example of the paper: seven pixels, the fourth a feature, each with the signed
-offset to it. (2) Grids of n^3 voxels whose features are a thin spherical shell, the places that a knotted tube passes,
-and scattered voxels: by how much and how often the published vector propagation (in the reading that its counts of
-operations allow) is too large, and whether the exact transform equals SciPy's to the last digits, with every index
-attaining its distance. (3) Seconds of all three, SciPy with indices, in one process on one core. The templates that
-are drawn are applied one by one to a small grid, and their operations are counted as the source counts them.
+offset to it. (2) Grids of n^3 voxels whose features are a thin spherical shell, the voxels along a knotted tube, and
+scattered voxels. The published vector propagation (in the reading that its counts of operations allow) is compared with
+the exact distance: by how much and how often is it too large? The exact transform is compared with SciPy's to the last
+digits, and every index must attain its distance. (3) Seconds of all three, SciPy with indices, in one process on one
+core. The drawn templates are applied one by one to a small grid, and their operations are counted as in the source.
 
-Claims: a voxel takes 38 comparisons and 70 shifts, as printed, and 108 additions, where 110 are printed; the templates
-that are drawn give what the package gives; vector propagation is wrong on less than 0.1 % of the voxels, by less than
+Claims: a voxel takes 38 comparisons and 70 shifts, as printed, and 108 additions (the source prints 110); the drawn
+templates reproduce the package's distances; vector propagation is wrong on less than 0.1 % of the voxels, by less than
 0.1 voxel; the exact transform equals SciPy's on all of them, and is 1.5 times and more as fast at 128^3.
 
 Feeds: figure "distance transforms of voxels" and the table of times.
@@ -27,9 +27,9 @@ import jhd
 METHODS = ("exact", "vector_propagation")
 # Pixels of the paper's example, and its feature, both counted from one.
 PIXELS, FEATURE = 7, 4
-# What rounding may make of a distance of some hundred voxels.
+# Rounding error of a distance of some hundred voxels.
 ROUNDING = 1e-12
-# The templates of the forward pass in the order in which they are applied: steps (i, j, k) to the voxels that offer.
+# The templates of the forward pass in their order: steps (i, j, k) to the voxels that offer a feature.
 TEMPLATES = (
     (*((i, j, 1) for i in (-1, 0, 1) for j in (-1, 0, 1)), (-1, -1, 0), (-1, 0, 0), (-1, 1, 0), (0, -1, 0)),
     ((0, 1, 0),),
@@ -38,14 +38,14 @@ TEMPLATES = (
 )
 # Operations that the source prints for each voxel.
 PRINTED = {"shifts": 70, "additions": 110, "comparisons": 38}
-# Where no feature is known; farther than all others.
+# Marks a voxel without a known feature; farther than all others.
 _NOWHERE = -(2**14)
-# The grid that they are checked on, and the share of its voxels that are features.
+# The grid on which the templates are checked, and the fraction of its voxels that are features.
 _SMALL, _SHARE = (8, 8, 8), 0.02
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)
     sizes = _SMALL[:1] if run.smoke else (64, 128, 256)
     shapes = {"shell": shell, "tube": tube, "scattered": lambda n: scattered(n, run.random)}
@@ -63,13 +63,13 @@ def main() -> None:
 
 
 def shell(n: int) -> np.ndarray:
-    """Voxels about a sphere whose center is no voxel."""
+    """Return voxels about a sphere whose center is no voxel."""
     places = np.indices((n, n, n), np.float32) - np.float32(n / 2 - 0.3)
     return np.abs(np.sqrt((places**2).sum(0)) - n / 3) < 0.6
 
 
 def tube(n: int) -> np.ndarray:
-    """Voxels that points on a tube about a trefoil knot fall into."""
+    """Return voxels that contain points on a tube about a trefoil knot."""
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 24 * n), np.linspace(0, 2 * np.pi, 4 * n, endpoint=False))
     radius = 2 + np.cos(3 * u)
     center = np.stack([radius * np.cos(2 * u), radius * np.sin(2 * u), 1.5 * np.sin(3 * u)])
@@ -84,16 +84,16 @@ def tube(n: int) -> np.ndarray:
 
 
 def scattered(n: int, random: np.random.Generator) -> np.ndarray:
-    """One voxel in ten thousand, and one at least."""
+    """Return one voxel in ten thousand, and at least one."""
     features = random.random((n, n, n)) < 1e-4
     features[n // 3, n // 2, n // 4] = True
     return features
 
 
 def _operations() -> dict[str, int]:
-    """Operations on each voxel in both passes, by |f + d|^2 = |f|^2 + 2 f.d + |d|^2 with the squares kept.
+    """Count operations on each voxel in both passes, by |f + d|^2 = |f|^2 + 2 f.d + |d|^2 with the squares kept.
 
-    A step d of m components that are not 0 takes m products by 2, which are shifts, m + 1 additions, and a comparison.
+    If m components of a step d are not 0, it takes m products by 2 (shifts), m + 1 additions, and a comparison.
     """
     components = [sum(x != 0 for x in step) for template in TEMPLATES for step in template]
     shifts, steps = sum(components), len(components)
@@ -109,14 +109,14 @@ def _operation_table(counted: dict[str, int]) -> str:
 
 
 def _line() -> dict[str, Any]:
-    """Signed offsets to the feature by each method, as in the paper: nearest minus own place."""
+    """Return signed offsets to the feature by each method, as in the paper: nearest minus own pixel."""
     features = np.arange(1, PIXELS + 1) == FEATURE
     nearest = {m: jhd.distance_transform(features, method=m).nearest[:, 0] for m in METHODS}
     return {m: np.asarray(x) - np.arange(PIXELS) for m, x in nearest.items()}
 
 
 def _check_templates(features: np.ndarray) -> None:
-    """Fails unless the templates, voxel by voxel, give the distances of the package."""
+    """Fail unless the templates, voxel by voxel, give the distances of the package."""
     places = np.moveaxis(np.indices(features.shape), 0, -1)
     nearest = np.where(features[..., None], places, _NOWHERE)
     rows, columns, planes = (range(n) for n in features.shape)
@@ -134,7 +134,7 @@ def _check_templates(features: np.ndarray) -> None:
 
 
 def _offer(nearest: np.ndarray, place: tuple[int, int, int], steps: np.ndarray) -> None:
-    """The voxel takes the feature of a neighbor that is nearer than its own."""
+    """Give the voxel the feature of a neighbor if it is nearer than its own."""
     for step in steps:
         other = np.array(place) + step
         if np.all(other >= 0) and np.all(other < nearest.shape[:3]):
@@ -169,7 +169,7 @@ def _measured(run: Run, make: Callable[[int], np.ndarray], n: int) -> dict[str, 
 
 
 def _attained(features: np.ndarray, transform: jhd.DistanceTransform) -> bool:
-    """Whether every index is that of a feature at the distance that is returned."""
+    """Return whether every index points to a feature at the returned distance."""
     nearest = np.asarray(transform.nearest)
     squares = sum((nearest[..., k] - np.indices(features.shape, np.int32, sparse=True)[k]) ** 2 for k in range(3))
     near = np.abs(np.sqrt(squares) - np.asarray(transform.distance)) <= ROUNDING
@@ -177,7 +177,7 @@ def _attained(features: np.ndarray, transform: jhd.DistanceTransform) -> bool:
 
 
 def _slice(features: np.ndarray) -> dict[str, Any]:
-    """Distances in the middle plane of a grid, and where the published method is wrong in any plane."""
+    """Return distances in the middle plane of a grid, and the wrong voxels of the published method in any plane."""
     exact, published = (np.asarray(jhd.distance_transform(features, method=m).distance) for m in METHODS)
     middle = len(features) // 2
     return {"distance": exact[:, :, middle], "error": (published - exact).max(axis=2)}

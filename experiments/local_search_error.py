@@ -1,15 +1,15 @@
 """How often, and by how much, is the published local search for the nearest triangle of a mesh wrong?
 
-The search looks at the triangles around the vertices in the nearest voxels. Points are spread evenly in the box of each
-mesh, and the distances found are compared with the exact ones of `project`: on smooth meshes of triangles of one size,
-and on parts as a CAD program writes them, with large triangles on flat sides and narrow ones on round edges. The grids
-have 64, 128 and 256 voxels along each side of the cube around a mesh; the published one has as many as it takes to give
-each vertex a voxel of its own. Signs, by the published average of normals, are compared with winding numbers. With
---meshes FILE ... the same on other meshes. Errors are shares of the diagonal of the box.
+The search visits the triangles around the vertices in the nearest voxels. Points are spread evenly in the box of each
+mesh, and the distances found are compared with the exact ones of `project`. There are smooth meshes with triangles of
+one size, and parts as CAD software writes them, with large triangles on flat sides and narrow ones on round edges. The
+grids have 64, 128 and 256 voxels along each side of the cube around a mesh; the published grid has as many as it needs
+to give each vertex its own voxel. Signs, by the published average of normals, are compared with winding numbers. With
+--meshes FILE ... other meshes are measured. Errors are fractions of the diagonal of the box.
 
 Claims: with one vertex a voxel 15 to 30 % of the distances are too large on smooth meshes, by at most 0.3 % of the
-diagonal, and 11 to 32 % on parts, by up to 3 to 14 %, on a coarser grid by up to 26 %. Finer grids mend the large
-errors of the plate and the profile hardly. Hardly a sign is wrong.
+diagonal, and 11 to 32 % on parts, by up to 3 to 14 %, on a coarser grid by up to 26 %. Finer grids hardly reduce the
+large errors of the plate and the profile. Very few signs are wrong.
 
 Feeds: figure "error of the local search" and its table.
 Takes: 3 minutes.
@@ -27,11 +27,11 @@ import jhd
 
 VOXELS, SMOKE_VOXELS = (64, 128, 256), (16,)
 QUERIES, SMOKE_QUERIES = 200_000, 2_000
-# Sides of the round edge of the profile: its vertices ask for a grid of 256 voxels, and for one of 64.
+# Sides of the round edge of the profile: its vertices need a grid of 256 voxels; in a smoke run, of 64.
 EDGE, SMOKE_EDGE = 8, 2
-# Errors below this share of the diagonal are those of rounding.
+# Errors below this fraction of the diagonal are rounding errors.
 ROUNDING = 1e-12
-# Levels of errors at which the share of points above is kept.
+# Error levels; for each of them the fraction of points with larger errors is kept.
 LEVELS = np.logspace(-6, 0, 121)
 SMOOTH, PART, FILE = "smooth", "part", "file"
 # The picture shows a section half way along the profile, whose vertices are at its two ends.
@@ -39,10 +39,10 @@ LENGTH, MARGIN = 4.0, 0.1
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True, meshes=True)
     given = [(file.stem, FILE, common_meshes.load(file)) for file in run.meshes]
-    # A smooth mesh and a part are enough of a smoke run.
+    # In a smoke run, a smooth mesh and a part are enough.
     edge = SMOKE_EDGE if run.smoke else EDGE
     meshes = given or (_generated(8, edge)[::3] if run.smoke else _generated(64, edge))
     found = [{"name": name, "kind": kind, **_measured(mesh, run)} for name, kind, mesh in meshes]
@@ -87,7 +87,7 @@ def _measured(mesh: jhd.TriangleMesh, run: Run) -> dict[str, Any]:
 
 
 def _least(mesh: jhd.TriangleMesh) -> int | None:
-    """Voxels along each side that leave each vertex its own; None where the memory does not suffice."""
+    """Return the voxels along each side that leave each vertex its own; None if the memory does not suffice."""
     try:
         return jhd.published.VertexVoxels().voxels(mesh)
     except ValueError:
@@ -97,7 +97,7 @@ def _least(mesh: jhd.TriangleMesh) -> int | None:
 def _timed(
     mesh: jhd.TriangleMesh, points: np.ndarray, method: jhd.published.VertexVoxels | None
 ) -> tuple[np.ndarray, float]:
-    """Distances, and the seconds that they take once the mesh is prepared."""
+    """Return distances, and the seconds that they take once the mesh is prepared."""
     jhd.project(points, mesh, method)
     start = time.perf_counter()
     distance = np.asarray(jhd.project(points, mesh, method).distance)
@@ -105,7 +105,7 @@ def _timed(
 
 
 def _errors(error: np.ndarray) -> dict[str, Any]:
-    """The share of wrong distances, and how large their errors are."""
+    """Return the fraction of wrong distances, and the distribution of their errors."""
     wrong = error[error > ROUNDING]
     ordered = np.sort(error)
     return {
@@ -118,7 +118,7 @@ def _errors(error: np.ndarray) -> dict[str, Any]:
 
 
 def _section(mesh: jhd.TriangleMesh, cells: int) -> dict[str, Any]:
-    """Errors of the published grid in a section across the middle of a profile, and its outline there."""
+    """Return errors of the published grid in a section across the middle of a profile, and its outline there."""
     lower, upper = (np.asarray(end) for end in mesh.bounds)
     low, high = lower[:2] - MARGIN, upper[:2] + MARGIN
     x, y = (np.linspace(low[k], high[k], cells) for k in (0, 1))

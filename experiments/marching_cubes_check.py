@@ -1,18 +1,18 @@
-"""How far is a marching cubes mesh from its implicit surface, and how well do samples estimate that?
+"""How far is a marching cubes mesh from its implicit surface, and how well do samples estimate this distance?
 
 scikit-image's marching cubes make meshes of a smooth quartic surface, a rounded box without symmetry, on grids of 8 to
-32 cells along an axis. Both directed distances between mesh and surface are proven to 5 % of themselves. Beside them
-stand what is usually looked at: the value of the polynomial at the middles of the triangles over its slope there, which
-is a distance to first order, and the largest distance of samples of both, found by a k-d tree in as much time, or with
-32 000 samples of each where that comes first. Seconds are those of the processors, of a second call.
+32 cells along an axis. Both directed distances between mesh and surface are proven to 5 % of their value. They are
+compared with two usual estimates. One is the value of the polynomial at the middles of the triangles over its slope
+there, which is a distance to first order. The other is the largest distance of samples of both, by a k-d tree in as
+much time, or with 32 000 samples of each if this limit comes first. Seconds are CPU seconds of a second call.
 
 Claims: the distance falls like the square of a cell's width, to a tenth of the power, and both directions agree to
-their bounds, as the surface is smooth. The middles of the triangles say 14 to 20 % too much of the coarsest mesh and 5
-to 9 % too little of the finest, so they are no bound. Samples say more than 1.9 times the distance of the finest mesh:
-it is less than they are from each other.
+their bounds, as the surface is smooth. The estimate at the middles of the triangles is 14 to 20 % too large for the
+coarsest mesh and 5 to 9 % too small for the finest, so it is no bound. Samples give more than 1.9 times the distance of
+the finest mesh: this distance is smaller than the sample spacing.
 
 Feeds: figure and table "marching cubes".
-Takes: 1 minute, a third of it compilation (35 seconds of processors).
+Takes: 1 minute, a third of it compilation (35 CPU seconds).
 """
 
 from typing import Any
@@ -29,16 +29,16 @@ from jhd._results.solution import name_of
 
 BOX = 1.5
 _CELLS, _SMOKE_CELLS = (8, 12, 16, 24, 32), (5, 10)
-# Points of the surface come from cells of a grid, of which there are as the cube of the root of their number.
+# Points of the surface come from grid cells, whose number grows as the cube of the root of the number of points.
 _MOST_SAMPLES = 40_000
-# Which mesh is drawn.
+# Index of the mesh in the figure.
 _SHOWN = 1
-# Bounds are closed to this share of the distance.
+# Bounds are closed to this fraction of the distance.
 _SHARE, _SMOKE_SHARE = 0.05, 0.2
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     target = surface(ROUND if run.smoke else ROUNDED, -BOX, BOX)
     meshes = [_measured(run, target, cells) for cells in (_SMOKE_CELLS if run.smoke else _CELLS)]
@@ -75,7 +75,7 @@ def _measured(run: Run, target: jhd.ImplicitSurface, cells: int) -> dict[str, An
 
 
 def _marched(target: jhd.ImplicitSurface, cells: int) -> jhd.TriangleMesh:
-    """The mesh of scikit-image for the values of the polynomial on a grid."""
+    """Return the mesh of scikit-image for the values of the polynomial on a grid."""
     line = np.linspace(-BOX, BOX, cells + 1)
     values = polygrid3d(line, line, line, np.asarray(target.coefficients))
     step = (2 * BOX / cells,) * 3
@@ -93,7 +93,7 @@ def _directed(run: Run, a: Any, b: Any) -> dict[str, Any]:
 
 
 def _at_middles(target: jhd.ImplicitSurface, mesh: jhd.TriangleMesh) -> float:
-    """The largest |f| / |grad f| at the middles of the triangles, the distance to first order."""
+    """Return the largest |f| / |grad f| at the middles of the triangles, the distance to first order."""
     place = np.asarray(mesh.corners).mean(axis=1)
     steep = np.linalg.norm(np.asarray(target.gradient(place)), axis=-1)
     return float(np.max(np.abs(np.asarray(target(place))) / steep))

@@ -1,11 +1,12 @@
 """Where are two meshes of one surface farthest from each other, and how fast is that proven?
 
-A fine mesh of a surface with bumps, and a coarse one with vertices on the same surface (with --meshes A B or --a A
---b B those of two files). Both directed Hausdorff distances, with the bounds after each round of the search; for the
-picture distances of all places to the other mesh, and a section of both through the farthest point and its feet.
+A fine mesh of a surface with bumps, and a coarse one with vertices on this surface; or two files, if --meshes A B or
+--a A --b B are passed. Both directed Hausdorff distances, with the bounds after each round of the search. For the
+picture: distances of points all over each mesh to the other mesh, and a section of both through the farthest point and
+its feet.
 
 Claims: both distances are proven to 1e-9 of their size within 20 rounds; a farthest point has one foot in a triangle,
-or two feet and more as far as the other, and no sampled place is farther than the upper bound.
+or several equally far feet, and no sampled point is farther than the upper bound.
 
 Feeds: figure "Hausdorff distance of two meshes".
 Takes: 1 minute.
@@ -20,15 +21,15 @@ from common import Run, markdown, plain
 
 import jhd
 
-# Places that colors are computed for, on each mesh.
+# Number of points on each mesh with a computed color.
 PLACES, SMOKE_PLACES = 40_000, 2_000
-# Half the width of the section, in distances.
+# Half the width of the section, as a multiple of the distance.
 WINDOW = 4.0
 DIRECTIONS = ("a_to_b", "b_to_a")
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True, meshes=True, pair=jhd.TriangleMesh)
     if run.shapes or run.meshes:
         a, b = run.shapes or (common_meshes.load(file) for file in run.meshes[:2])
@@ -48,7 +49,7 @@ def main() -> None:
 
 
 def _directed(a: jhd.TriangleMesh, b: jhd.TriangleMesh) -> dict[str, Any]:
-    """The directed distance of a warm call, and the bounds after each round with the seconds since it began."""
+    """Return the directed distance of a warm call, and the bounds after each round with the seconds since its start."""
     jhd.directed_hausdorff(a, b)
     rounds: list[dict[str, Any]] = []
     start = time.perf_counter()
@@ -63,7 +64,7 @@ def _directed(a: jhd.TriangleMesh, b: jhd.TriangleMesh) -> dict[str, Any]:
 
 
 def _colored(mesh: jhd.TriangleMesh, other: jhd.TriangleMesh, places: int) -> dict[str, Any]:
-    """The triangles cut into k^2 parts, about as many as places, and the distances of the parts' middles."""
+    """Cut the triangles into k^2 parts, about `places` in total; return them with the distances of their middles."""
     k = max(1, round((places / mesh.count) ** 0.5))
     up = [[(i, j), (i + 1, j), (i, j + 1)] for i in range(k) for j in range(k - i)]
     down = [[(i + 1, j), (i + 1, j + 1), (i, j + 1)] for i in range(k) for j in range(k - 1 - i)]
@@ -75,7 +76,7 @@ def _colored(mesh: jhd.TriangleMesh, other: jhd.TriangleMesh, places: int) -> di
 
 
 def _section(a: jhd.TriangleMesh, b: jhd.TriangleMesh, witness: jhd.Witness) -> dict[str, Any]:
-    """The lines in which a plane through the farthest point and its feet cuts both meshes, about this point.
+    """Return the lines in which a plane through the farthest point and its feet cuts both meshes, near this point.
 
     The second axis points from the first foot to the point.
     """
@@ -83,7 +84,7 @@ def _section(a: jhd.TriangleMesh, b: jhd.TriangleMesh, witness: jhd.Witness) -> 
     away = point - feet[0]
     distance = float(np.linalg.norm(away))
     away = away / distance
-    # Towards the foot farthest from the line; with one foot any direction will do.
+    # Towards the foot farthest from the line; if there is only one foot, any direction will do.
     sides = np.concatenate([feet - feet[0], distance * 1e-6 * np.eye(3)])
     sides = sides - np.outer(sides @ away, away)
     along = sides[np.argmax(np.linalg.norm(sides, axis=1))]
@@ -94,7 +95,7 @@ def _section(a: jhd.TriangleMesh, b: jhd.TriangleMesh, witness: jhd.Witness) -> 
 
 
 def _cut(mesh: jhd.TriangleMesh, point: np.ndarray, axes: np.ndarray, width: float) -> np.ndarray:
-    """Ends of the segments in which a plane cuts the triangles near a point, (segments, 2, 2)."""
+    """Return the ends of the segments in which a plane cuts the triangles near a point, (segments, 2, 2)."""
     offsets = np.asarray(mesh.corners) - point
     height = offsets @ np.cross(axes[0], axes[1])
     place = offsets @ axes.T

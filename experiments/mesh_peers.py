@@ -1,19 +1,20 @@
 """How fast are nearest points and Hausdorff distances of meshes, compared with other libraries and sampling?
 
-Two meshes of one surface, of about 70 000 and 3 000 triangles (with --meshes A B those of two files).
+Two meshes of one surface, of about 70 000 and 3 000 triangles; with --meshes A B, two files instead.
 
 (1) Nearest points on the finer mesh for points spread evenly in its box and for points near the surface: seconds to
-prepare, queries a second, and how far distances are from ours, for whichever of libigl, point-cloud-utils, Open3D and
-trimesh are installed. (2) Hausdorff distances: our proven one; libigl's function, which looks at vertices alone; and
-samples, spread evenly on both meshes, either against each other (SciPy's k-d tree, point-cloud-utils) or against the
-other mesh itself, which gives a true lower bound. All in one process, on one core; times are the least of several.
+prepare, queries a second, and the difference of distances from ours. The peers are libigl, point-cloud-utils, Open3D
+and trimesh, if they are installed. (2) Hausdorff distances: our proven one; libigl's function, which uses vertices
+alone; and samples, spread evenly on both meshes, either against each other (SciPy's k-d tree, point-cloud-utils) or
+against the other mesh itself, which gives a true lower bound. All run in one process, on one core; times are the least
+of several.
 
 Claims: for points spread evenly ours is the fastest search, by 1.4 to 2 times before libigl, point-cloud-utils and
 Open3D (in single precision) and by tens before trimesh; near the surface it is a little slower than libigl's. The
 proven distance comes in a fraction of the time of a million samples, which are off by 1 % and more, too large against
 each other and too small against meshes; libigl's function takes a tenth of the time and is too small by per cents.
 
-Feeds: figure "mesh distances beside other libraries" and both tables.
+Feeds: figure "mesh distances compared with other libraries" and both tables.
 Takes: 3 minutes, with libigl, point-cloud-utils and trimesh (and rtree) installed.
 """
 
@@ -33,14 +34,14 @@ import jhd
 Queries = Callable[[np.ndarray], np.ndarray]
 OURS = "jhd"
 QUERIES, SMOKE_QUERIES = 100_000, 1_000
-# Points near the surface are moved off it by this share of the diagonal, on average.
+# Points near the surface are moved off it by this fraction of the diagonal, on average.
 NEAR = 1e-3
 SAMPLES, SMOKE_SAMPLES = (10_000, 100_000, 1_000_000), (1_000,)
 REPEATS = 3
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True, meshes=True)
     if run.meshes:
         a, b = (common_meshes.load(file) for file in run.meshes[:2])
@@ -61,7 +62,7 @@ def main() -> None:
 
 
 def _ours(vertices: np.ndarray, triangles: np.ndarray) -> Queries:
-    # A mesh is told by its numbers; with a vertex that no triangle names it has no tree yet.
+    # The cache of trees is keyed by the numbers of a mesh; an extra vertex without triangles makes the mesh a new one.
     other = np.concatenate([vertices, np.random.default_rng().random((1, 3))])
     mesh = jhd.TriangleMesh(other, triangles)
     return lambda points: np.asarray(jhd.project(points, mesh).distance)
@@ -74,7 +75,7 @@ def _libigl(vertices: np.ndarray, triangles: np.ndarray) -> Queries:
 
 
 def _point_cloud_utils(vertices: np.ndarray, triangles: np.ndarray) -> Queries:
-    # It prepares the mesh anew in every call.
+    # point-cloud-utils prepares the mesh anew in every call.
     closest = import_module("point_cloud_utils").closest_points_on_mesh
     return lambda points: closest(points, vertices, triangles)[0]
 
@@ -96,7 +97,7 @@ def _trimesh(vertices: np.ndarray, triangles: np.ndarray) -> Queries:
     return lambda points: trimesh.proximity.closest_point(mesh, points)[1]
 
 
-# Distributions, and for slow ones the share of the points that they are asked for.
+# Distributions, and for slow libraries the fraction of the points that they get.
 _PEERS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], Queries], str, float]] = {
     OURS: (_ours, "jhd", 1),
     "libigl": (_libigl, "libigl", 1),
@@ -131,7 +132,7 @@ def _queries(mesh: jhd.TriangleMesh, run: Run) -> list[dict[str, Any]]:
 
 
 def _rates(prepare: Callable[..., Queries], vertices: np.ndarray, triangles: np.ndarray, asked: Any) -> dict[str, Any]:
-    """Seconds to prepare a mesh and answer for one point, and queries a second beyond that."""
+    """Return the seconds to prepare a mesh and answer for one point, and queries a second beyond that."""
     first, rates = np.inf, [0.0] * len(asked)
     for _ in range(REPEATS):
         start = time.perf_counter()
@@ -145,7 +146,7 @@ def _rates(prepare: Callable[..., Queries], vertices: np.ndarray, triangles: np.
 
 
 def _least(call: Callable[[], object], repeats: int) -> float:
-    """The least of several wall times."""
+    """Return the least of several wall times."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -155,7 +156,7 @@ def _least(call: Callable[[], object], repeats: int) -> float:
 
 
 def _spread(mesh: jhd.TriangleMesh, count: int, random: np.random.Generator) -> np.ndarray:
-    """Points spread evenly on a mesh."""
+    """Return points spread evenly on a mesh."""
     corners = np.asarray(mesh.corners)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     chosen = corners[random.choice(len(corners), count, p=area / area.sum())]
@@ -166,7 +167,7 @@ def _spread(mesh: jhd.TriangleMesh, count: int, random: np.random.Generator) -> 
 
 
 def _hausdorff(a: jhd.TriangleMesh, b: jhd.TriangleMesh, run: Run) -> list[dict[str, Any]]:
-    """Each way's distance with its seconds; ours first."""
+    """Return each way's distance with its seconds; ours first."""
     solution = jhd.hausdorff(a, b)
     value, seconds = float(solution.value), _least(lambda: jhd.hausdorff(a, b), REPEATS)
     first = {"name": "jhd, proven", "value": value, "seconds": seconds}
@@ -190,7 +191,7 @@ def _vertex_ways(a: jhd.TriangleMesh, b: jhd.TriangleMesh) -> list[tuple[str, Ca
 
 
 def _sampled(a: jhd.TriangleMesh, b: jhd.TriangleMesh, count: int, random: np.random.Generator) -> list[dict[str, Any]]:
-    """Distances of so many samples on each mesh; those of samples to meshes are true lower bounds."""
+    """Estimate distances by `count` samples on each mesh; from samples to a mesh they are true lower bounds."""
     start = time.perf_counter()
     p, q = (_spread(mesh, count, random) for mesh in (a, b))
     spreading = time.perf_counter() - start

@@ -1,12 +1,12 @@
 """How near do 20 cubics come to noisy outlines of 100 to 10 000 vertices, compared with the usual methods?
 
-A closed curve with five bulges, its vertices displaced at random by 0.01 (normal, in both coordinates) and joined by
-straight lines, is fitted by a closed chain of 20 cubics, 60 free points. jhd.fit_curve begins with least squares and
-lowers the largest distance. Beside it, all from the same least squares: Adam, with a cosine schedule and the best of
-three rates, on the Chamfer distance of samples of both curves, on the soft (log sum exp at a tenth of the distance)
-and on the hard Hausdorff distance of these samples; and SciPy's periodic smoothing spline, smoothed until it has at
-most as many knots. The errors of all are proven by jhd.hausdorff. Each method runs once before it is timed, in seconds
-of the processor.
+The outline is a closed curve with five bulges. Its vertices are displaced at random by 0.01 (normal, in both
+coordinates) and joined by straight lines. It is fitted by a closed chain of 20 cubics, 60 free points. jhd.fit_curve
+begins with least squares and lowers the largest distance. Adam starts from these least squares too, with a cosine
+schedule and the best of three rates. It minimizes three distances of samples of both curves: Chamfer, soft Hausdorff
+(log sum exp at a tenth of the distance) and hard Hausdorff. The last method is SciPy's periodic smoothing spline,
+smoothed until it has at most as many knots. jhd.hausdorff proves the errors of all. Each method runs once before it is
+timed, in CPU seconds.
 
 Claims: the fit is nearer than its start and than every other method, proven, for all numbers of vertices; its
 time grows more slowly than the number of vertices.
@@ -46,7 +46,7 @@ class _Sizes(NamedTuple):
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     sizes = _Sizes(8, 2, 30, RATES[1:2]) if run.smoke else _Sizes(SEGMENTS, 60, STEPS, RATES)
     cases = [_case(run, count, sizes) for count in ((140,) if run.smoke else COUNTS)]
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def outline(count: int, random: np.random.Generator) -> np.ndarray:
-    """The vertices of a noisy outline."""
+    """Return the vertices of a noisy outline."""
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     radius = 1 + 0.25 * np.cos(3 * angle) + 0.12 * np.sin(5 * angle)
     exact = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -68,7 +68,7 @@ def outline(count: int, random: np.random.Generator) -> np.ndarray:
 
 
 def _case(run: Run, count: int, sizes: _Sizes) -> dict[str, Any]:
-    """One outline by all methods."""
+    """Fit one outline by all methods."""
     segments = sizes.segments
     points = outline(count, run.random)
     target = jhd.polyline(points, closed=True)
@@ -105,7 +105,7 @@ def _case(run: Run, count: int, sizes: _Sizes) -> dict[str, Any]:
 
 
 def _timed(run: Run, function: Callable[[], Any], before: Callable[[], Any] | None = None) -> tuple[Any, float]:
-    """What a function gives, and its seconds of the processor once what it needs is compiled."""
+    """Return the result of a function, and its CPU seconds once its compiled functions exist."""
     run.warm(function if before is None else before)
     began = time.process_time()
     return jax.block_until_ready(function()), time.process_time() - began
@@ -117,14 +117,14 @@ def _measured(target: jhd.BezierSegments, shape: Any, seconds: float) -> dict[st
 
 
 def _loop(free: Any) -> jhd.BezierSegments:
-    """The closed chain with the points (segments, 3, 2), each segment's last one left to the next."""
+    """Return the closed chain with the points (segments, 3, 2); the last point of a segment belongs to the next one."""
     points = np.concatenate([free, np.roll(free, -1, axis=0)[:, :1]], axis=1)
     return jhd.BezierSegments(points, None, np.roll(np.arange(len(points)), -1))
 
 
 @partial(jax.jit, static_argnames=("loss", "steps"))
 def _adam(free: Any, samples: Any, loss: str, rate: Any, steps: int) -> Any:
-    """Free points after so many steps of Adam on a loss of samples."""
+    """Return the free points after `steps` steps of Adam on a loss of samples."""
     t = jnp.linspace(0.0, 1.0, EACH, endpoint=False)[:, None]
     basis = jnp.concatenate([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3], axis=1)
 
@@ -151,7 +151,7 @@ def _adam(free: Any, samples: Any, loss: str, rate: Any, steps: int) -> Any:
 
 
 def _smoothed(points: np.ndarray, segments: int) -> Any:
-    """SciPy's periodic smoothing spline with at most so many spans, by halving its smoothing factor."""
+    """Return SciPy's periodic smoothing spline of at most `segments` spans, by halving its smoothing factor."""
     closed = np.vstack([points, points[:1]])
     low, high = 0.0, 100 * NOISE**2 * len(points)
     for _ in range(30):

@@ -1,17 +1,18 @@
 """How few segments draw a glyph within a proven tolerance, and how soon is a fit of 60 parameters at its optimum?
 
-Two parts. (1) Outlines of letters of two fonts, lines and quadratics, by cubics within tolerances in units of the em:
-fit_outline, and beside it two ways of least squares, the errors of all proven by hausdorff. Both ways cut the contour
-at its corners and fit a cubic with fixed ends to 32 samples of each segment, with four rounds of new parameters; where
-the samples are farther than the tolerance "split" cuts at the farthest one (as Schneider does), "longest" takes the
-longest piece, found by halving, that is near enough. (2) One closed outline of 30 segments by half as many quadratics
-and by 10 cubics, 60 free parameters each: the distance against time, in a fresh process without any compiled program
-and again once compiled; then the fit is continued, from its end and from ends displaced at random by 1e-4 em.
+Two parts. (1) Outlines of letters of two fonts, lines and quadratics, are fitted by cubics within tolerances in ems: by
+fit_outline, and by two ways of least squares. hausdorff proves all errors. Both ways of least squares cut the contour
+at its corners and fit a cubic with fixed ends to 32 samples of each segment, with four rounds of new
+parameters. If the samples are farther than the tolerance, "split" cuts at the farthest one (as Schneider does), and
+"longest" takes the longest piece that is near enough, found by halving. (2) One closed outline of 30 segments is fitted
+by half as many quadratics and by 10 cubics, 60 free parameters each. The distance is recorded against time, in a fresh
+process without any compiled function and again once compiled. Then the fit is continued, from its end and from ends
+displaced at random by 1e-4 em.
 
 Claims: every fit keeps its tolerance, proven. fit_outline takes 56 and 62 segments at the two tolerances, splitting 92
-and 127, the longest pieces 66 and 77, and on no letter more than those, in up to 14 seconds a letter where least
-squares take less than a tenth of one. Both fits of 60 parameters come within 1 % of where continued and displaced fits
-end in 10 s once compiled.
+and 127, the longest pieces 66 and 77, and on no letter more than those. It takes up to 14 seconds a letter, while least
+squares take less than a tenth of one. In 10 s once compiled, both fits of 60 parameters come within 1 % of the ends of
+continued and displaced fits.
 
 Feeds: figure "outlines by few segments" and its tables.
 Takes: 4 minutes, with OPENBLAS_NUM_THREADS=1: small matrices on several threads take far longer on a busy machine.
@@ -44,12 +45,12 @@ CASES = ((2, 15), (3, 10))
 DISPLACEMENT, DISPLACED = 1e-4, 3
 NEAR = 0.01
 _SAMPLES, _ROUNDS = 32, 4
-# Joints that turn by more than this angle (radians) are corners.
+# If a joint turns by more than this angle (radians), it is a corner.
 _CORNER = 0.2
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     fonts, letters, tolerances = (FONTS[:1], "e", TOLERANCES[:1]) if run.smoke else (FONTS, LETTERS, TOLERANCES)
     glyphs = [_glyph(font, letter, tolerances) for font in fonts for letter in letters]
@@ -69,13 +70,13 @@ def main() -> None:
 
 
 def outline(font: str, letter: str) -> dict[str, Any]:
-    """Control points and joints of a letter, in units of the em."""
+    """Return control points and joints of a letter, in units of the em."""
     found = jhd.io.load_glyph(font, letter, size=1)
     return {"control_points": np.asarray(found.control_points), "next_segment": np.asarray(found.next_segment)}
 
 
 def _glyph(font: str, letter: str, tolerances: tuple[float, ...]) -> dict[str, Any]:
-    """One letter by three methods, at all tolerances."""
+    """Fit one letter by three methods, at all tolerances."""
     target = jhd.io.load_glyph(font, letter, size=1)
     points = np.asarray(target.control_points)
     straight = np.all(2 * points[:, 1] == points[:, 0] + points[:, 2], axis=-1)
@@ -123,7 +124,7 @@ def _fitted(target: jhd.BezierSegments, tolerance: float) -> jhd.BezierSegments:
 
 
 def _split(target: jhd.BezierSegments, tolerance: float) -> jhd.BezierSegments:
-    """Cubics by least squares, cut where the farthest sample is until all are near enough."""
+    """Fit cubics by least squares, cut at the farthest sample until all are near enough."""
 
     def cubics(points: np.ndarray) -> list[np.ndarray]:
         fit, off = _cubic(points)
@@ -136,7 +137,7 @@ def _split(target: jhd.BezierSegments, tolerance: float) -> jhd.BezierSegments:
 
 
 def _longest(target: jhd.BezierSegments, tolerance: float) -> jhd.BezierSegments:
-    """Cubics by least squares, each as long as it can be."""
+    """Fit cubics by least squares, each as long as it can be."""
 
     def cubics(points: np.ndarray) -> list[np.ndarray]:
         found = []
@@ -154,7 +155,7 @@ def _longest(target: jhd.BezierSegments, tolerance: float) -> jhd.BezierSegments
 
 
 def _by_pieces(target: jhd.BezierSegments, cubics: Callable[[np.ndarray], list[np.ndarray]]) -> jhd.BezierSegments:
-    """All contours, from corner to corner."""
+    """Fit all contours, from corner to corner."""
     points, next_segment = np.asarray(target.control_points), np.asarray(target.next_segment)
     fitted, t = [], np.linspace(0, 1, _SAMPLES + 1)[:, None]
     first = 0
@@ -178,7 +179,7 @@ def _by_pieces(target: jhd.BezierSegments, cubics: Callable[[np.ndarray], list[n
 
 
 def _cubic(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The cubic with the ends of the points that is nearest in the sense of least squares, and how far each is off."""
+    """Return the least-squares cubic with the end points fixed, and the distance of each point from it."""
     steps = np.append(0.0, np.cumsum(np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))))
     u = steps / steps[-1]
     for again in range(_ROUNDS + 1):
@@ -199,12 +200,12 @@ def _cubic(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Loop(eqx.Module):
-    """Closed chains of segments as functions of their control points, each segment's last one left to the next."""
+    """Closed chains of segments as functions of their control points; a segment's last one belongs to the next one."""
 
     segments: int = eqx.field(static=True)
 
     def __call__(self, points: Any) -> jhd.BezierSegments:
-        """The chain with these points (segments, degree, 2)."""
+        """Return the chain with these points (segments, degree, 2)."""
         ends = jnp.roll(points, -1, axis=0)[:, :1]
         next_segment = np.roll(np.arange(self.segments), -1)
         return jhd.BezierSegments(jnp.concatenate([points, ends], axis=1), None, next_segment)
@@ -215,7 +216,7 @@ _HEADER += ("result",)
 
 
 def _case(run: Run, degree: int, segments: int) -> dict[str, Any]:
-    """One fit of many parameters: cold, warm, continued and displaced."""
+    """Run one fit of many parameters: cold, warm, continued and displaced."""
     target = jhd.io.load_glyph(*OUTLINE, size=1)
     steps = 8 if run.smoke else 60
     runs = {} if run.smoke else {"cold": _in_a_fresh_process(degree, segments)}
@@ -255,7 +256,7 @@ def _case_rows(case: dict[str, Any]) -> list[list[object]]:
 
 
 def fit(degree: int, segments: int, max_steps: int = 60) -> dict[str, Any]:
-    """The fit of the outline with the distance after each step, and when."""
+    """Fit the outline; return the distance after each step, with its time."""
     target = jhd.io.load_glyph(*OUTLINE, size=1)
     return _timed(
         lambda report: jhd.fit_curve(target, degree=degree, segments=segments, max_steps=max_steps, progress=report)
@@ -286,7 +287,7 @@ def _timed(fitted: Callable[[Callable], jhd.FitSolution]) -> dict[str, Any]:
 
 
 def _in_a_fresh_process(degree: int, segments: int) -> dict[str, Any]:
-    """The same fit where nothing has been compiled yet."""
+    """Run this fit in a process without any compiled function."""
     code = f"import json, outline_fit; print(json.dumps(outline_fit.fit({degree}, {segments})))"
     without = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
     without["JHD_CACHE"] = "0"

@@ -1,13 +1,13 @@
 """How often do local point projections miss the nearest point of a cubic, and what does never missing it cost?
 
 Three parts. (1) A point slides to the right past a cubic and the foot follows, with two jumps (the animation of
-PointBezier): steps and errors of each method. (2) The share of wrong feet on 10 000 random cubics, control points and
-query normal in the plane, the query also half and twice as far out. (3) One cubic against 10 000 points: time and error
-beside SciPy's k-d tree on 1e3 to 1e5 samples, in one process on one core.
+PointBezier): steps and errors of each method. (2) The fraction of wrong feet on 10 000 random cubics; control points
+and queries are normal in the plane, the query also half and twice as far out. (3) One cubic against 10 000 points: time
+and error compared with SciPy's k-d tree on 1e3 to 1e5 samples, in one process on one core.
 
-Claims: the proven methods, BestFirstProjection and ProjectedPolyhedronProjection, are never wrong; interval halving and
-Newton's method are wrong on several in a hundred queries each; 10 000 proven projections take less than half a second,
-about as long as the k-d tree of 1e4 samples, which errs by half its spacing where the point is on the curve, 1e-5 and
+Claims: the proven methods, BestFirstProjection and ProjectedPolyhedronProjection, are never wrong. Interval halving and
+Newton's method are wrong on several in a hundred queries each. 10 000 proven projections take less than half a second,
+about as long as the k-d tree of 1e4 samples; if the point is on the curve, the tree errs by half its spacing, 1e-5 and
 more.
 
 Feeds: animation, strip, figure and tables "point to curve".
@@ -36,16 +36,16 @@ METHODS = (
 )
 CUBIC = np.array([[0.0, 0.5], [0.8, 7.0], [3.0, -5.0], [4.0, 2.2]])
 HEIGHT, START, STOP = 1.2, -0.4, 4.4
-# A foot is wrong when its distance is too large by this share: local methods stop at steps of 1e-8 and less.
+# A foot is wrong if its distance is too large by this fraction: local methods stop at steps of 1e-8 and less.
 WRONG = 1e-6
-# Coordinates are divided by it for the kernels, which want them of order one; a power of two changes no digit.
+# Divides the coordinates for the kernels, which need order one; a power of two changes no digit.
 SCALE = 16.0
 
 Solver = Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]]
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)
     solvers = {_name(method): _solver(method, run.options) for method in METHODS}
     numbers = {"wrong": WRONG, "path": _path(run, solvers), "random": _random(run, solvers), "speed": _speed(run)}
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def _solver(method: Any, options: dict[str, Any] | None) -> Solver:
-    """Projections of points (count, 2), each to its own cubic (count, 4, 2), by the kernel under vmap and one jit."""
+    """Project points (count, 2), each to its own cubic (count, 4, 2), by the kernel under vmap and one jit."""
 
     def one(point: jax.Array, cubic: jax.Array) -> dict[str, jax.Array]:
         curve = jhd.BezierSegments(cubic[None], None, jnp.array([-1]))
@@ -65,7 +65,7 @@ def _solver(method: Any, options: dict[str, Any] | None) -> Solver:
         return jax.lax.map(lambda pair: jax.vmap(one)(*pair), (points, cubics))
 
     def solve(points: np.ndarray, cubics: np.ndarray) -> dict[str, np.ndarray]:
-        # Blocks of one size, so that all parts of the experiment run one program.
+        # Blocks of one size, so that all parts of the experiment run one compiled function.
         count, block = len(points), 100
         rows = np.minimum(np.arange(-(-count // block) * block), count - 1).reshape(-1, block)
         found = [many(points[r][None] / SCALE, cubics[r][None] / SCALE) for r in rows]
@@ -76,7 +76,7 @@ def _solver(method: Any, options: dict[str, Any] | None) -> Solver:
 
 
 def exact(points: np.ndarray, cubics: np.ndarray) -> np.ndarray:
-    """Distances by NumPy alone: all roots of (P - B).B' as eigenvalues, polished, and both ends."""
+    """Compute distances by NumPy alone: all roots of (P - B).B' as eigenvalues, polished, and both ends."""
     offsets = cubics - points[:, None]
     powers = np.array([[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])
     c = np.einsum("ij,kjd->kid", powers, offsets)
@@ -107,7 +107,7 @@ def _proven(method: Any) -> bool:
 
 
 def _path(run: Run, solvers: dict[str, Solver]) -> dict[str, Any]:
-    """Every method on every frame."""
+    """Run every method on every frame."""
     count = 24 if run.smoke else 121
     points = np.stack([np.linspace(START, STOP, count), np.full(count, HEIGHT)], axis=-1)
     cubics = np.broadcast_to(CUBIC, (count, 4, 2))
@@ -130,7 +130,7 @@ def _path_table(numbers: dict[str, Any]) -> str:
 
 
 def _random(run: Run, solvers: dict[str, Solver]) -> dict[str, Any]:
-    """Shares of wrong feet, and the worst error of the proven methods and of their lower bounds."""
+    """Return fractions of wrong feet, and the worst error of the proven methods and of their lower bounds."""
     count = 500 if run.smoke else 10_000
     cubics, queries = run.random.standard_normal((count, 4, 2)), run.random.standard_normal((count, 2))
     spreads = (1.0,) if run.smoke else (0.5, 1.0, 2.0)
@@ -173,7 +173,7 @@ def _random_table(numbers: dict[str, Any]) -> str:
 
 
 def _speed(run: Run) -> dict[str, Any]:
-    """10 000 points against one cubic: jhd.project and the k-d tree of samples."""
+    """Time 10 000 points against one cubic: jhd.project and the k-d tree of samples."""
     count, repeats = (1000, 2) if run.smoke else (10_000, 9)
     points = CUBIC.mean(axis=0) + 1.5 * run.random.standard_normal((count, 2))
     distance = exact(points, np.broadcast_to(CUBIC, (count, 4, 2)))
@@ -192,7 +192,7 @@ def _speed(run: Run) -> dict[str, Any]:
 
 
 def _sampled(rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Distances of points to the nearest row, the tree built anew."""
+    """Return distances of points to the nearest row, with a new tree."""
     return KDTree(rows).query(points)[0]
 
 

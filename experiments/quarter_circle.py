@@ -1,9 +1,9 @@
-"""What are the best Bezier curves for a quarter of the unit circle in the Hausdorff distance, and are they found?
+"""Which Bezier curves are best for a quarter of the unit circle in the Hausdorff distance, and are they found?
 
 Four fits: the cubic (1, 0), (1, c), (c, 1), (0, 1) of one parameter, from three starts; the cubic with fixed ends; the
-cubic with free ends; the quintic with fixed ends. The radial error |B(t)| - 1 of each is computed in rational
-arithmetic from the control points found, by (|B|^2 - 1) / (|B| + 1), so that nothing is lost where it is 1e-10. The
-parameter c after k steps is that of a run with at most k steps, which takes the same ones.
+cubic with free ends; the quintic with fixed ends. The radial error |B(t)| - 1 of each fit is computed in rational
+arithmetic from its control points, by (|B|^2 - 1) / (|B| + 1), so that no digits are lost when it is 1e-10. The
+parameter c after k steps comes from a run with at most k steps, which takes identical steps.
 
 Claims: c comes within 1e-16 of 0.551915024493510570743562722793 in 8, 5 and 9 steps from 0.3, 0.5 and 0.8, faster than
 linearly (6.6e-5, 3.0e-9, 2.7e-17 from 0.5); the errors, proven to 1e-12, are the known 1.960764699e-4, 6.84399e-5,
@@ -25,7 +25,7 @@ import jhd
 from jhd._results.solution import to_plain
 
 QUARTER = jhd.BezierCurve([(1, 0), (1, 1), (0, 1)], [1, math.sqrt(0.5), 1])
-# The optimum of the one-parameter cubic to 30 digits, and errors as they are known.
+# The optimum of the one-parameter cubic to 30 digits, and the known errors.
 BEST = Fraction("0.551915024493510570743562722793")
 KNOWN = {
     "parameter": 1.96076469876878174e-4,
@@ -34,16 +34,16 @@ KNOWN = {
     "quintic": 7.7034e-10,
 }
 STARTS = (0.3, 0.5, 0.8)
-# What is asked of c.
+# Required accuracy of c.
 WITHIN = 1e-12
-# The gap of the proven errors: the least that closes where the curves are 7.7e-10 apart.
+# The gap of the proven errors: the least that closes when the curves are 7.7e-10 apart.
 PROOF = jhd.BranchAndBound(atol=1e-12)
-# Maxima are equal within this share of the largest, or what rounding leaves of coordinates of size one.
+# Maxima are equal within this fraction of the largest, or within the rounding of coordinates of size one.
 EQUAL, ROUNDING = 1e-8, 4e-16
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     runs = [_history(start) for start in (STARTS[1:2] if run.smoke else STARTS)]
     solutions = {
@@ -51,7 +51,7 @@ def main() -> None:
         "fixed": jhd.fit_curve(QUARTER, degree=3, method=PROOF),
         "free": jhd.fit_curve(QUARTER, degree=3, ends="free", method=PROOF),
     }
-    if not run.smoke:  # of higher degree than the others: programs of its own
+    if not run.smoke:  # of higher degree than the others: compiled functions of its own
         solutions["quintic"] = jhd.fit_curve(QUARTER, degree=5, method=PROOF)
     samples = 101 if run.smoke else 1001
     fits = {name: _described(name, solution, samples) for name, solution in solutions.items()}
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def build(c: Any) -> jhd.BezierCurve:
-    """The cubic of one parameter, symmetric and tangent to the circle at both ends."""
+    """Return the cubic of one parameter, symmetric and tangent to the circle at both ends."""
     one, zero = jnp.ones(()), jnp.zeros(())
     return jhd.BezierCurve(jnp.array([[one, zero], [one, c], [c, one], [zero, one]]))
 
@@ -70,7 +70,7 @@ def _one_parameter(start: float, **options: Any) -> jhd.FitSolution:
 
 
 def _history(start: float) -> dict[str, Any]:
-    """The parameter, the distance and the optimality at the start and after each step."""
+    """Return the parameter, the distance and the optimality at the start and after each step."""
     reports: list[Any] = []
     solution = _one_parameter(start, progress=reports.append)
     steps = int(solution.stats["steps"])
@@ -89,11 +89,11 @@ def _history(start: float) -> dict[str, Any]:
 
 
 def _described(name: str, solution: jhd.FitSolution, samples: int) -> dict[str, Any]:
-    """All numbers of a fit, its error curve and its critical pairs."""
+    """Return all numbers of a fit, its error curve and its critical pairs."""
     points = np.asarray(solution.shape.control_points).reshape(-1, 2)
     valid = np.asarray(solution.pairs.valid)
     value, witness = np.asarray(solution.pairs.value)[valid], to_plain(solution.pairs.witness)
-    # The place of each pair on the fit, which is the second curve.
+    # The parameter of each pair on the fit, which is the second curve.
     turned = np.array(witness["direction"])[valid] == "b_to_a"
     t = np.where(turned, np.array(witness["t"])[valid], np.array(witness["feet_params"])[valid, 0])
     active = value >= value[0] - max(EQUAL * value[0], ROUNDING)
@@ -123,7 +123,7 @@ def _described(name: str, solution: jhd.FitSolution, samples: int) -> dict[str, 
 
 
 def radial_error(control_points: np.ndarray, t: Fraction) -> float:
-    """|B(t)| - 1 of the control points as they are stored, to the rounding of the result."""
+    """Return |B(t)| - 1 of the stored control points, to the rounding of the result."""
     rows = [[Fraction(x) for x in row] for row in control_points.tolist()]
     while len(rows) > 1:
         rows = [[(1 - t) * x + t * y for x, y in zip(p, q, strict=True)] for p, q in zip(rows, rows[1:], strict=False)]
@@ -144,7 +144,7 @@ def _fit_table(fits: dict[str, Any]) -> str:
 
 
 def _run_table(runs: list[dict[str, Any]]) -> str:
-    """The errors of c, a row for each step."""
+    """Format the errors of c, a row for each step."""
     header = ["step", *(f"c - c* from {run['start']}" for run in runs)]
     count = max(len(run["off"]) for run in runs)
     rows = [[k, *(f"{run['off'][k]:.1e}" if k < len(run["off"]) else "" for run in runs)] for k in range(count)]

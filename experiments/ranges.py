@@ -2,13 +2,12 @@
 
 Surfaces from a cone to the Barth sextic are voxelized at 64^3 with each of the five ways to bound a polynomial over a
 box that jhd offers: the power form and Horner's scheme in interval arithmetic, the centered form, modified affine
-arithmetic (the paper's), Bernstein coefficients. Counted are the cells kept on each level of the octree and those
-tested in all; of the kept cells at least the proven ones hold a point, so no way can keep fewer than those. Speeds are
-those of the range alone, on cells about the surface, and of a whole voxelization at 128^3, proofs included, on one
-core.
+arithmetic (the paper's), Bernstein coefficients. Counted are the cells kept on each level of the octree and all cells
+tested. Of the kept cells, at least the proven ones hold a point, so no way can keep fewer cells. Speeds are measured
+for the range alone, on cells about the surface, and for a whole voxelization at 128^3, proofs included, on one core.
 
 Claims: Bernstein coefficients keep the fewest cells on every surface, at most 3 % more than are proven to hold a point.
-Modified affine arithmetic keeps 3 to 34 % more than those, the power form of interval arithmetic up to nine times as
+Modified affine arithmetic keeps 3 to 34 % more than proven, the power form of interval arithmetic up to nine times as
 many. A Bernstein range takes up to twice as long as one of modified affine arithmetic, a voxelization about as long.
 
 Feeds: figure "ranges" and its table.
@@ -41,7 +40,7 @@ CHUNK, CALLS = 4096, 16
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)
     names = ("cone",) if run.smoke else tuple(SURFACES)
     cells = (16, 16) if run.smoke else (64, 128)
@@ -76,7 +75,7 @@ def _measured(run: Run, text: str, size: float, cells: int, fine: int) -> dict[s
 
 
 def _rate(shape: jhd.ImplicitSurface, cells: int, kind: str, repeats: int) -> float:
-    """Ranges a second of one program for many cells about the surface."""
+    """Measure ranges a second of one compiled function for many cells about the surface."""
     voxels = jhd.voxelize(shape, cells)
     centers = np.resize(np.asarray(voxels.centers), (CHUNK, 3)).T
     half = np.broadcast_to(np.asarray(voxels.spacing)[:, None] / 2, centers.shape)

@@ -1,23 +1,22 @@
-"""Which motion registers one outline to another with the least Hausdorff distance, and what does ICP find?
+"""Which motion registers one outline to another with the least Hausdorff distance, and which one does ICP find?
 
 The letter S of two fonts, boxes centered on the origin, in units of the x-height. Three problems, each from eight
 starting angles, with shift zero and scale one:
 
-- rigid: angle and shift that bring the letter of one font to that of the other;
-- similarity: and a scale;
-- copy: the target is the letter itself under a known motion. The distance is zero there, with a kink.
+- rigid: angle and shift that bring the letter of one font to the letter of the other;
+- similarity: also a scale;
+- copy: the target is the letter itself under a known motion. The distance is zero and not smooth there.
 
 `minimize_hausdorff` minimizes the distance itself. ICP, the usual way, alternates between nearest neighbors of samples
-and the motion of least squares; here with neighbors in both directions, which is nearer to the Hausdorff distance
-than one, until the pairs stay the same. A third way starts `minimize_hausdorff` where ICP ends. All errors are proven
-Hausdorff distances. A start reaches the best minimum where its proven lower bound is at most 1e-6 above the least
-proven upper bound of all.
+and the motion of least squares until the pairs stay unchanged. Here it uses neighbors in both directions, which is
+closer to the Hausdorff distance than one direction. A third way starts `minimize_hausdorff` from the end of ICP. All
+errors are proven Hausdorff distances. A start reaches the best minimum if its proven lower bound is at most 1e-6 above
+the least proven upper bound of all.
 
-Claims: every fit between the two fonts ends at a stationary point (residual below 1e-14) with as many equal distances
-as parameters and one more. The best rigid motion is 8 % nearer than the best end of ICP, the best similarity 26 %. From
-starts on the side `minimize_hausdorff` alone stops at poor minima, and ICP comes nearer; from the end of ICP it is
-nearer than both from every start, or equal to 1e-9. The copy's motion is found to 1e-13 from 3 starts of 8, by ICP from
-4.
+Claims: every fit between the two fonts ends at a stationary point (residual below 1e-14) with one more equal distance
+than parameters. The best rigid motion is 8 % nearer than the best end of ICP, the best similarity 26 %. From starts on
+the side `minimize_hausdorff` alone stops at poor minima, and ICP comes nearer. From the end of ICP it is nearer than
+both from every start, or equal to 1e-9. The copy's motion is found to 1e-13 from 3 starts of 8, by ICP from 4.
 
 Feeds: figure "registration" and the table of both methods.
 Takes: 3 minutes.
@@ -36,10 +35,10 @@ import jhd
 import jhd.io
 from jhd._results.solution import name_of
 
-# The letter of a short run has few segments.
+# The letter of a smoke run has few segments.
 FONTS, LETTER, SMOKE_LETTER = ("DejaVu Sans", "STIXGeneral"), "S", "z"
 ANGLES = 8
-# Angle (radians) and shift (x-heights) of the copy; that of a short run is found from the first start.
+# Angle (radians) and shift (x-heights) of the copy; in a smoke run the first start finds them.
 MOVED, SMOKE_MOVED = (0.4, 0.3, -0.2), (0.1, 0.1, -0.1)
 SAMPLES, ROUNDS = 2000, 500
 SAME = 1e-6
@@ -50,13 +49,13 @@ class Motion(eqx.Module):
     """The source turned, scaled and shifted; the parameters are angle, two shifts and, if given, log scale.
 
     Args:
-        source: what is moved.
+            source: the curve to move.
     """
 
     source: jhd.BezierSegments
 
     def __call__(self, parameters: Any) -> jhd.BezierSegments:
-        """The image of the source."""
+        """Return the image of the source."""
         cosine, sine = jnp.cos(parameters[0]), jnp.sin(parameters[0])
         matrix = jnp.array([[cosine, -sine], [sine, cosine]])
         scale = jnp.exp(parameters[3]) if parameters.shape[0] == 4 else 1.0
@@ -64,7 +63,7 @@ class Motion(eqx.Module):
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     text = SMOKE_LETTER if run.smoke else LETTER
     to, source = (letter(font, text) for font in FONTS)
@@ -81,7 +80,7 @@ def main() -> None:
 
 
 def letter(font: str, text: str) -> jhd.BezierSegments:
-    """The outline in units of the font's x-height, the middle of the box of its control points at the origin."""
+    """Return the outline in units of the font's x-height, the middle of the box of its control points at the origin."""
     height = np.max(np.asarray(jhd.io.load_glyph(font, "x").control_points)[..., 1])
     curve = jhd.io.load_glyph(font, text)
     points = np.asarray(curve.control_points) / height
@@ -92,7 +91,7 @@ def letter(font: str, text: str) -> jhd.BezierSegments:
 def _problem(
     run: Run, source: jhd.BezierSegments, to: jhd.BezierSegments, angles: np.ndarray, count: int
 ) -> dict[str, Any]:
-    """Both methods from all starting angles, and the best end of ours with its active pairs."""
+    """Run both methods from all starting angles; return them and our best end with its active pairs."""
     build = Motion(source)
     starts = [np.append(angle, np.zeros(count - 1)) for angle in angles]
     icp = [_icp(build, to, start) for start in starts]
@@ -113,7 +112,7 @@ def _problem(
 
 
 def _fit(build: Motion, to: jhd.BezierSegments, start: np.ndarray) -> tuple[jhd.FitSolution, float]:
-    """One fit and its seconds."""
+    """Return one fit and its seconds."""
     clock = time.perf_counter()
     fit = jhd.minimize_hausdorff(build, start, to)
     return fit, time.perf_counter() - clock
@@ -138,7 +137,7 @@ def _proven(error: jhd.HausdorffSolution) -> dict[str, float]:
 
 
 def _icp(build: Motion, to: jhd.BezierSegments, start: np.ndarray) -> dict[str, Any]:
-    """The end of ICP with its proven error; seconds are those of ICP."""
+    """Return the end of ICP with its proven error; seconds include ICP alone."""
     clock = time.perf_counter()
     parameters, rounds = _closest_points(samples(build.source), samples(to), start)
     took = time.perf_counter() - clock
@@ -147,7 +146,7 @@ def _icp(build: Motion, to: jhd.BezierSegments, start: np.ndarray) -> dict[str, 
 
 
 def _closest_points(rows: np.ndarray, others: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, int]:
-    """Pairs of nearest samples in both directions, and the motion of least squares for them, in turn."""
+    """Alternate between nearest samples in both directions and their least-squares motion; count the rounds."""
     tree, parameters, last = KDTree(others), start, np.zeros(0)
     for rounds in range(1, ROUNDS + 1):
         moved = _moved(rows, parameters)
@@ -168,7 +167,7 @@ def _moved(rows: np.ndarray, parameters: np.ndarray) -> np.ndarray:
 
 
 def _squares(rows: np.ndarray, others: np.ndarray, count: int) -> np.ndarray:
-    """The motion of least squares, by complex numbers: a factor and a shift."""
+    """Return the motion of least squares, by complex numbers: a factor and a shift."""
     z, w = rows @ [1, 1j], others @ [1, 1j]
     factor = np.sum(np.conj(z - z.mean()) * (w - w.mean())) / np.sum(np.abs(z - z.mean()) ** 2)
     factor = factor if count == 4 else factor / abs(factor)
@@ -177,7 +176,7 @@ def _squares(rows: np.ndarray, others: np.ndarray, count: int) -> np.ndarray:
 
 
 def samples(curve: jhd.BezierSegments) -> np.ndarray:
-    """Points of a closed outline, evenly spaced."""
+    """Return points of a closed outline, evenly spaced."""
     t = np.linspace(0.0, curve.count, 64 * curve.count + 1)
     rows = np.asarray(curve(t))
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1)))
@@ -185,7 +184,7 @@ def samples(curve: jhd.BezierSegments) -> np.ndarray:
 
 
 def _off(parameters: Any, moved: tuple[float, ...]) -> dict[str, float]:
-    """How far a motion is from the one that made the copy: angle in radians, shift in x-heights."""
+    """Return the error of a motion against the copy's true motion: angle in radians, shift in x-heights."""
     off = np.asarray(parameters) - moved
     return {"angle_off": abs((off[0] + np.pi) % (2 * np.pi) - np.pi), "shift_off": float(np.hypot(*off[1:3]))}
 

@@ -1,24 +1,26 @@
-"""What do samples and polylines cost for a given error, compared with a distance certified to 1e-10?
+"""How much do samples and polylines cost for a given error, compared with a distance certified to 1e-10?
 
-Four pairs: two closed cubic B-splines of 90 control points; two single cubics; a parabola with a curved bar between its
-arms and without, whose distance is sqrt(7)/2 exactly, at a point of the bar with two feet; the letter a in two fonts.
-For each the two-sided Hausdorff distance by
+Four pairs: two closed cubic B-splines of 90 control points; two single cubics; a parabola with and without a curved bar
+between its arms, whose distance is sqrt(7)/2 exactly, at a point of the bar with two feet; the letter a in two fonts.
+For each pair the two-sided Hausdorff distance is computed by
 
 - SciPy's k-d tree, both curves sampled at equal steps of the parameter, 4 to 6400 a segment;
-- shapely's `hausdorff_distance` of the polylines through such samples, plain and with densify=0.25. It takes the
-  distances of the vertices of each line (with densify also of three points on every edge) to the other line, exactly;
-  what it misses lies between these points, and between the curves and their chords, where densify does not help;
-- `jhd.hausdorff` within jax.jit, with the search in the program (`jhd.searches_in_program`), at tolerances from 1e-2 to
-  1e-12 of the diagonal.
+- shapely's `hausdorff_distance` of the polylines through such samples, plain and with densify=0.25. It takes the exact
+  distances from the vertices of each line (with densify also from three points on every edge) to the other line. It
+  misses maxima between these points. It also ignores the gap between a curve and its chords, which densify does not
+  reduce;
+- `jhd.hausdorff` within jax.jit, with the search compiled into the function (`jhd.searches_in_program`), at tolerances
+  from 1e-2 to 1e-12 of the diagonal.
 
-Errors are against the bounds proven at the last tolerance; errors and gaps are in diagonals of the box of both curves.
-Samples and lines are made beforehand, for free. All run in one process on one core; times are medians, warm.
+Errors are measured against the bounds proven at the last tolerance. The unit of errors and gaps is the diagonal of the
+box of both curves. Samples and lines are made beforehand and not timed. All run in one process on one core; times are
+medians, warm.
 
-Claims: one direction of the closed curves, proven to 1e-10 of the diagonal, takes less than 1 ms within jax.jit and at
-least 250 times less than the k-d tree with 400 samples a segment (0.8 ms and 375 times in one run), whose error is then
-1e-9 of the diagonal in one direction, where the maximum is antipodal, and 1e-6 in the other, where it is one-to-two.
-Nothing that samples comes below 1e-10 on any pair; its error falls unsteadily, by where the maximum lies between
-samples. On a pair of single segments, samples are done earlier than the proof as long as 1e-5 is enough.
+Claims: one direction of the closed curves, proven to 1e-10 of the diagonal, takes less than 1 ms within jax.jit. It is
+at least 250 times faster than the k-d tree with 400 samples a segment (0.8 ms and 375 times in one run). The error of
+the tree is then 1e-9 of the diagonal in one direction, with an antipodal maximum, and 1e-6 in the other, with a
+one-to-two maximum. No sampling method gets below 1e-10 on any pair; its error falls unsteadily, depending on the
+maximum's position between samples. On a pair of single segments, samples are faster than the proof if 1e-5 is enough.
 
 Feeds: figure and tables "sampling versus proof".
 Takes: 3 minutes, 2 once compiled.
@@ -38,16 +40,16 @@ from common_curves import sample, sampled_directed
 import jhd
 import jhd.io
 
-# Tolerances, of the diagonal; the last gives the reference.
+# Tolerances, as fractions of the diagonal; the last one gives the reference.
 _TOLERANCES = (1e-2, 1e-6, 1e-10, 1e-12)
 _CHOSEN = 1e-10
 _COUNTS = (4, 10, 25, 100, 400, 1600, 6400)
 # The number of samples a segment in the claim.
 _BESIDE = 400
-# Most points that the tree is given, and most pairs of points and edges for shapely, which compares all.
+# Largest number of points for the tree, and of pairs of points and edges for shapely, which compares all.
 _MOST_POINTS, _MOST_PAIRS = 80_000, 1e8
 _DENSIFY = 0.25
-# A call is repeated for about this many seconds, within limits; least often in a smoke run.
+# A call is repeated for about this many seconds, within limits; in a smoke run, as few times as possible.
 _SECONDS, _REPEATS = 0.4, (3, 51)
 _ROUNDS = 5
 
@@ -55,7 +57,7 @@ _directed = jax.jit(lambda a, b, method: jhd.directed_hausdorff(a, b, method))
 
 
 class Pair(NamedTuple):
-    """Two curves, their distance where it is known, and the diagonal of the box of both."""
+    """Two curves, their distance if it is known, and the diagonal of the box of both."""
 
     a: jhd.BezierSegments
     b: jhd.BezierSegments
@@ -63,24 +65,24 @@ class Pair(NamedTuple):
 
     @property
     def diagonal(self) -> float:
-        """Diagonal of the box of all control points."""
+        """Return the diagonal of the box of all control points."""
         rows = np.concatenate([np.asarray(c.control_points).reshape(-1, 2) for c in (self.a, self.b)])
         return float(np.linalg.norm(np.ptp(rows, axis=0)))
 
     def method(self, tolerance: float) -> jhd.BranchAndBound:
-        """Ours, with a tolerance in diagonals."""
+        """Return our method, with a tolerance in diagonals."""
         return jhd.BranchAndBound(atol=jnp.asarray(tolerance * self.diagonal))
 
 
 @jhd.searches_in_program()
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)
     names = ("parabola",) if run.smoke else tuple(_PAIRS)
     counts, budget = (_COUNTS[:3], 0.0) if run.smoke else (_COUNTS, _SECONDS)
     two_sided = jax.jit(lambda a, b, method: jhd.hausdorff(a, b, method), compiler_options=run.options)
     pairs = {name: _measured(_PAIRS[name](), two_sided, counts, budget) for name in names}
-    # One direction costs a program of its own.
+    # One direction needs a compiled function of its own.
     directed = None if run.smoke else _one_direction(_PAIRS["splines"]())
     tables = [_table(pairs)] if directed is None else [_table(pairs), _directed_table(directed)]
     run.save({"chosen": _CHOSEN, "pairs": pairs, "directed": directed}, "\n\n".join(tables))
@@ -98,7 +100,7 @@ def _cubics() -> Pair:
 
 
 def _parabola() -> Pair:
-    """The bar is y = 2 + x/2 - x^2/4; the point (0, 2) has its feet on y = x^2 at x^2 = 3/2."""
+    """Return the pair: the bar is y = 2 + x/2 - x^2/4; the feet of (0, 2) on y = x^2 are at x^2 = 3/2."""
     parabola = jhd.BezierCurve([(-2.0, 4.0), (0.0, -4.0), (2.0, 4.0)])
     bar = jhd.BezierCurve([(-0.5, 1.6875), (0.125, 2.15625), (0.75, 2.234375)])
     return Pair(jhd.BezierSegments.join([parabola, bar]), parabola.segments(), np.sqrt(7) / 2)
@@ -117,7 +119,7 @@ _PAIRS: dict[str, Callable[[], Pair]] = {
 
 
 def _contours(curve: jhd.BezierSegments, count: int) -> list[np.ndarray]:
-    """Samples of every connected part, in order."""
+    """Return samples of every connected part, in order."""
     following = np.asarray(curve.next_segment)
     ends = np.flatnonzero(following != np.arange(curve.count) + 1) + 1
     points = np.asarray(curve.control_points)
@@ -125,13 +127,13 @@ def _contours(curve: jhd.BezierSegments, count: int) -> list[np.ndarray]:
 
 
 def _time(call: Callable[[], Any], budget: float) -> float:
-    """Warm median time of a call, repeated for about this many seconds."""
+    """Return the warm median time of a call, repeated for about this many seconds."""
     low, high = _REPEATS
     return seconds(call, int(np.clip(budget / seconds(call, 1), low, high)))
 
 
 def _measured(pair: Pair, two_sided: Callable[..., Any], counts: tuple[int, ...], budget: float) -> dict[str, Any]:
-    """All methods on one pair."""
+    """Run all methods on one pair."""
     ours = []
     for tolerance in _TOLERANCES:
         method = pair.method(tolerance)
@@ -154,7 +156,7 @@ def _measured(pair: Pair, two_sided: Callable[..., Any], counts: tuple[int, ...]
 
 
 def _sampled(pair: Pair, count: int, budget: float) -> list[dict[str, Any]]:
-    """The peers with so many samples a segment, as far as they are not too many."""
+    """Run the peers with `count` samples a segment, if their limits allow it."""
     contours = [_contours(curve, count) for curve in (pair.a, pair.b)]
     a, b = (np.concatenate(rows) for rows in contours)
     x, y = (shapely.MultiLineString(rows) for rows in contours)
@@ -178,7 +180,7 @@ def _against(entry: dict[str, Any], exact: float, diagonal: float) -> dict[str, 
 
 
 def _one_direction(pair: Pair) -> list[dict[str, Any]]:
-    """h(A,B) of ours, within one program and as a plain call, and by the tree of the claim; errors of h(B,A) too."""
+    """Compute h(A,B) within one compiled function, as a plain call, and by the claim's tree; errors of h(B,A) too."""
     method, tight = pair.method(_CHOSEN), pair.method(_TOLERANCES[-1])
     samples = tuple(np.concatenate(_contours(curve, _BESIDE)) for curve in (pair.a, pair.b))
     peers: dict[str, tuple[Callable[..., Any], tuple]] = {
@@ -187,7 +189,7 @@ def _one_direction(pair: Pair) -> list[dict[str, Any]]:
         f"k-d tree, {_BESIDE} samples a segment": (sampled_directed, samples),
     }
     exact = [float(_directed(*curves, tight).value) for curves in (pair[:2], pair[1::-1])]
-    # In turns, so that what else runs on the machine slows all of them.
+    # In turns, so that other work on the machine slows all of them equally.
     rounds = [[_time(lambda f=f, x=x: f(*x), _SECONDS) for f, x in peers.values()] for _ in range(_ROUNDS)]
     times = np.median(rounds, axis=0)
     return [

@@ -3,26 +3,25 @@
 Pairs of closed cubic B-splines, from 1 to 2 000 segments each, of two kinds:
 
 - refined: one pair of shapes, far from each other for their size, with more and more control points on it;
-- noisy: two tracings of one ellipse with independent noise in every control point, the height of the noise in
-  proportion to the spacing, so that the maxima of nearly the same height grow in number with the segments; three
-  draws, of which the medians count.
+- noisy: two tracings of one ellipse with independent noise in every control point. The height of the noise is
+  proportional to the spacing, so the number of nearly equal maxima grows with the segments. Medians of three draws.
 
-A single segment is the first of a spline of four. Programs are compiled for 4, 16, 48, 96, 192, 256, 384, 512, ...
-segments, and curves are padded to these. Some of these are taken, and some just over them, which cost as much as the
-next: 2 000 costs what 2 048 would. Times are warm medians in one process on one core: one direction and both, as a
-plain call and as one compiled program, and one plain call without any step, which is the start of the search alone.
-Beside them SciPy's k-d tree in one direction, tree included, with 25 samples a segment, taken beforehand for free, and
-its error. Exponents are fitted to the sizes that need no padding.
+A single segment is the first one of a spline of four. Functions are compiled for 4, 16, 48, 96, 192, 256, 384, 512, ...
+segments, and curves are padded to these sizes. The experiment uses some of these sizes, and some sizes just above them,
+which cost as much as the next size: 2 000 costs as much as 2 048. Times are warm medians in one process on one core:
+one direction and both, as a plain call and as one compiled function, and one plain call with no steps, which measures
+only the start of the search. For comparison, SciPy's k-d tree in one direction, tree included, with 25 samples a
+segment, and its error; the samples are not timed. Exponents are fitted to the sizes that need no padding.
 
-Memory is XLA's own count of what a program needs beside its input and output, and the peak of a process that does
-nothing else, less what the imports took. The programs of that process come from the compile cache. Compilation is that
-of one direction, from the call to the program, with no cache.
+Memory is measured in two ways: XLA's own count of the memory of a compiled function without its input and output, and
+the peak of a process that does nothing else, less the memory of the imports. This process takes its compiled functions
+from the compile cache. Compilation is timed for one direction, from the call to the compiled function, without a cache.
 
-Claims: 2 000 x 2 000 segments are proven to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than n +
-64 cells of n segments, and in bounded memory: less than 10 MB for the tables of a program, less than 1 GB for the
-process. Tracing and compiling take 10 to 20 s. The start of the search grows more slowly than the number of segments,
-and takes a third or more of a plain call from 385 segments on. A k-d tree is faster for few segments and takes as long
-for 2 000 of the noisy pairs, with an error of 1e-6 of the diagonal in place of a proof.
+Claims: 2 000 x 2 000 segments are proven to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than
+n + 64 cells of n segments, and in bounded memory: less than 10 MB for the tables of a compiled function, less than 1 GB
+for the process. Tracing and compiling take 10 to 20 s. The start of the search grows more slowly than the number of
+segments, and takes a third or more of a plain call from 385 segments on. A k-d tree is faster for few segments. For
+2 000 segments of the noisy pairs it takes as long, and has an error of 1e-6 of the diagonal instead of a proof.
 
 Feeds: figure and tables "scaling".
 Takes: 8 minutes, 5 once compiled.
@@ -52,15 +51,15 @@ Pair = tuple[jhd.BezierSegments, jhd.BezierSegments]
 
 _BUCKETS = (4, 16, 48, 96, 192, 384, 768, 1536, 3072)
 _CLAIMED = 2000
-# Sizes that need no padding, some that need the most, and the claimed one, which needs the last program.
+# Sizes without padding, some that need the most padding, and the claimed size, which is padded to 2 048.
 _SIZES = (1, *sorted({*_BUCKETS[:-1], *(count + 1 for count in _BUCKETS[:6])}), _CLAIMED)
-# Exponents are fitted where all calls take less than the overhead of a few, and where none does.
+# Exponents are fitted in two ranges: overhead dominates every call in the first, and none in the second.
 _FITS = {"small": (4, 96), "large": (384, 1536)}
 _SAMPLES = 25
 _DRAWS = 3
 # Mean radius and stretch of the noisy ellipses, and the standard deviation of the noise in spacings of the points.
 _RADIUS, _STRETCH, _NOISE = 100.0, 1.2, 0.3
-# A call is repeated for about this many seconds, within limits; least often in a smoke run.
+# A call is repeated for about this many seconds, within limits; in a smoke run, as few times as possible.
 _SECONDS, _REPEATS = 0.3, (1, 21)
 _MB = 1e6
 
@@ -75,7 +74,7 @@ def _two_sided(a: jhd.BezierSegments, b: jhd.BezierSegments) -> jhd.HausdorffSol
 
 @jhd.searches_in_program()
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)
     buckets, sizes, draws, budget = _BUCKETS, _SIZES, _DRAWS, _SECONDS
     if run.smoke:
@@ -94,19 +93,19 @@ def main() -> None:
 
 
 def _first(curve: jhd.BSplineCurve, count: int) -> jhd.BezierSegments:
-    """The segments of a closed spline, or the first of them alone."""
+    """Return the segments of a closed spline; if `count` is 1, only the first one."""
     segments = curve.segments()
     return segments if count > 1 else jhd.BezierSegments(segments.control_points[:1])
 
 
 def _refined(count: int) -> Pair:
-    """The same two shapes with more control points."""
+    """Return the two shapes with `count` control points."""
     a, b = (_first(ring(name, max(count, 4)), count) for name in ("example_2_a", "example_2_b"))
     return a, b
 
 
 def _noisy(count: int, random: np.random.Generator) -> Pair:
-    """Two tracings of one ellipse."""
+    """Return two tracings of one ellipse."""
     a, b = (_first(_tracing(max(count, 4), random), count) for _ in "ab")
     return a, b
 
@@ -121,7 +120,7 @@ def _tracing(count: int, random: np.random.Generator) -> jhd.BSplineCurve:
 def _compiled(
     function: Callable[..., Any], buckets: tuple[int, ...], cached: bool, options: dict[str, Any] | None
 ) -> dict[int, tuple[Any, dict]]:
-    """One program for each number of segments, and how long tracing and compiling took."""
+    """Compile one function for each number of segments; return them with the seconds of tracing and compiling."""
     # JAX looks at this option once, before it compiles for the first time, and again after a reset.
     jax.config.update("jax_enable_compilation_cache", cached)
     reset_cache()
@@ -138,14 +137,14 @@ def _compiled(
 
 
 def _time(call: Callable[[], Any], budget: float) -> float:
-    """Warm median time of a call, repeated for about this many seconds."""
+    """Return the warm median time of a call, repeated for about this many seconds."""
     start = time.perf_counter()
     jax.block_until_ready(call())
     return seconds(call, int(np.clip(budget / (time.perf_counter() - start), *_REPEATS)))
 
 
 def _measured(pairs: list[Pair], programs: dict[int, tuple[Any, Any]], budget: float) -> dict[str, Any]:
-    """All draws of one size: counts, times and the error of the samples, each as the median over the draws."""
+    """Measure all draws of one size; return the medians of counts, times and the error of the samples."""
     count = pairs[0][0].count
     bucket = padded_count(count, small=True)
     draws = [_draw(pair, programs.get(bucket), budget / len(pairs)) for pair in pairs]
@@ -155,10 +154,10 @@ def _measured(pairs: list[Pair], programs: dict[int, tuple[Any, Any]], budget: f
 
 
 def _draw(pair: Pair, compiled: tuple[Any, Any] | None, budget: float) -> dict[str, float]:
-    """One pair; times by name."""
+    """Measure one pair; return times by name."""
     directed, two_sided = compiled or (jax.jit(_directed), jax.jit(_two_sided))
     start = jhd.BranchAndBound(max_steps=0)
-    # Programs take the curves that they were compiled for: the same segments, repeated.
+    # Compiled functions need curves of their own size: the segments, with the last one repeated.
     padded = tuple(curve.pad(padded_count(curve.count, small=True)) for curve in pair)
     samples = [sample(np.asarray(curve.control_points), _SAMPLES) for curve in pair]
     calls: dict[str, Callable[[], Any]] = {
@@ -180,7 +179,7 @@ def _counts(there: jhd.HausdorffSolution, both: jhd.HausdorffSolution) -> dict[s
 
 
 def _errors(pair: Pair, there: jhd.HausdorffSolution, both: jhd.HausdorffSolution, sampled: float) -> dict[str, float]:
-    """The larger of the proven gaps, and the error of the samples, in diagonals of the box."""
+    """Return the larger of the proven gaps, and the error of the samples, in diagonals of the box."""
     rows = np.concatenate([np.asarray(curve.control_points).reshape(-1, 2) for curve in pair])
     diagonal = float(np.linalg.norm(np.ptp(rows, axis=0)))
     gap = max(float(found.upper - found.lower) for found in (there, both))
@@ -188,14 +187,14 @@ def _errors(pair: Pair, there: jhd.HausdorffSolution, both: jhd.HausdorffSolutio
 
 
 def _memory(programs: tuple[Any, Any]) -> dict[str, Any]:
-    """What XLA reserves beside input and output, in bytes; None where a device does not say."""
+    """Return the bytes that XLA reserves besides input and output; None if the device does not report them."""
     found = [program.memory_analysis() for program in programs]
     sizes = [getattr(analysis, "temp_size_in_bytes", None) for analysis in found]
     return dict(zip(("directed, reserved", "both, reserved"), sizes, strict=True))
 
 
 def _peaks(count: int, options: dict[str, Any] | None) -> dict[str, Any]:
-    """The peaks of a process of its own for this size."""
+    """Return the peaks of a process of its own for this size."""
     command = [sys.executable, "-c", f"import scaling; scaling.report_peaks({count}, {options})"]
     environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir)}  # pyright: ignore
     done = subprocess.run(
@@ -205,7 +204,7 @@ def _peaks(count: int, options: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def report_peaks(count: int, options: dict[str, Any] | None = None) -> None:
-    """Prints by how many bytes a plain call, and then the program for both directions, raise this process's peak."""
+    """Print by how many bytes a plain call, then the function for both directions, raise this process's peak."""
     before, pair = _peak(), _refined(count)
     _two_sided(*pair)
     plain = _peak()
@@ -215,7 +214,7 @@ def report_peaks(count: int, options: dict[str, Any] | None = None) -> None:
 
 
 def _peak() -> int:
-    """Most bytes that this process has held at any time."""
+    """Return the largest number of bytes that this process has held at any time."""
     status = Path("/proc/self/status")
     if not status.exists():
         # macOS counts in bytes.
@@ -226,7 +225,7 @@ def _peak() -> int:
 
 
 def _exponents(kinds: dict[str, Any]) -> dict[str, Any]:
-    """Slopes of time over segments on logarithmic scales, by kind, call and range."""
+    """Return slopes of time over segments on logarithmic scales, by kind, call and range."""
     names = ("directed, compiled", "both, compiled", "directed, plain", "both, plain", "start", "k-d tree")
     return {
         kind: {name: {fit: _slope(entries, name, *ends) for fit, ends in _FITS.items()} for name in names}

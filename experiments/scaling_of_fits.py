@@ -1,9 +1,9 @@
 """How does the time of a fit grow with the vertices of its target, and with its own segments?
 
 Closed chains of cubics are fitted to a noisy closed outline. (1) 20 cubics and outlines of 100 to 100 000 vertices; (2)
-outlines of 2000 vertices and 5 to 80 cubics, 15 to 240 free points. Of each fit some steps are taken; measured are the
-seconds of the processor for the start by least squares, for a step, and for the proof of the end, once compiled.
-Beside it, where it can still be waited for: critical_pairs, which looks for all maxima of both curves.
+outlines of 2000 vertices and 5 to 80 cubics, 15 to 240 free points. Each fit takes some steps. Measured are the CPU
+seconds of the start by least squares, of a step, and of the proof of the end, once compiled. For comparison, if it does
+not take too long: critical_pairs, which searches for all maxima of both curves.
 
 Claims: a step grows more slowly than the number of vertices; the search for all maxima, which one step repeats several
 times, grows faster. All fits are proven and end below their start.
@@ -24,12 +24,12 @@ import jhd
 COUNTS, SEGMENTS = (100, 300, 1000, 3000, 10_000, 30_000, 100_000), 20
 CUBICS, VERTICES = (5, 10, 20, 40, 80), 2000
 STEPS = 6
-# Most vertices of which all maxima are looked for.
+# Largest number of vertices for the search for all maxima.
 PATIENCE = 1000
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     counts, segments, steps = ((150, 190), 8, 1) if run.smoke else (COUNTS, SEGMENTS, STEPS)
     cubics, vertices = ((8,), 170) if run.smoke else (CUBICS, VERTICES)
@@ -48,7 +48,7 @@ def _shown(seconds: float | None) -> str:
 
 
 def _case(run: Run, count: int, segments: int, steps: int) -> dict[str, Any]:
-    """The times of one fit."""
+    """Return the times of one fit."""
     target = jhd.polyline(outline(count, run.random), closed=True)
     at: list[float] = []
 
@@ -77,7 +77,7 @@ def _case(run: Run, count: int, segments: int, steps: int) -> dict[str, Any]:
 
 
 def _all_maxima(target: jhd.BezierSegments, shape: jhd.BezierSegments) -> float:
-    """Seconds of one search for all maxima."""
+    """Return the seconds of one search for all maxima."""
     look = lambda: jax.block_until_ready(jhd.critical_pairs(target, shape, 128).value)  # noqa: E731
     look()
     began = time.process_time()

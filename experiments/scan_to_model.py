@@ -1,14 +1,13 @@
 """How far are 100 000 noisy points of a scan from a B-spline model, and how near can the model come to them?
 
-The scan is 100 000 points of a sheet of 9 bicubic patches, less those at its rim, with normal noise of 0.001 of its
-side. The model has the same net with its heights off by up to 0.01. The directed distance from all points to the model
-is proven before and after its 36 heights are fitted by `minimize_hausdorff` to the root mean square of the distances of
-one point in twenty; so a single point that is far off pulls little. Beside the proven distance stands that of a k-d
-tree on samples of the model: twice as many until they take as long. Seconds are those of the processors, those of the
-distances of a second call.
+The scan is 100 000 points of a sheet of 9 bicubic patches, without its rim, with normal noise of 0.001 of its side. The
+model has this net with its heights off by up to 0.01. `minimize_hausdorff` fits its 36 heights to the root mean square
+of the distances of one point in twenty; so a single point that is far off pulls little. The directed distance from all
+points to the model is proven before and after. It is compared with the distance by a k-d tree on samples of the model,
+whose number is doubled until they take as long. Times are CPU seconds; the distances are timed in a second call.
 
-Claims: in a few steps the root mean square falls to the noise, within a twentieth, and the largest distance to that of
-the points from the sheet that they are of, likewise; the distance is proven to 1e-9, before and after.
+Claims: in a few steps the root mean square falls to the noise, within a twentieth. The largest distance falls, within
+a twentieth, to the largest distance of the points from their true sheet. It is proven to 1e-9, before and after.
 
 Feeds: figure and table "scan to model".
 Takes: 1 minute.
@@ -27,16 +26,16 @@ from jhd._results.solution import name_of
 _PATCHES, _SMOKE_PATCHES = 3, 1
 _POINTS, _SMOKE_POINTS = 100_000, 144
 _NOISE, _OFF = 1e-3, 1e-2
-# No points are taken so near to the rim of the sheet: noise would carry them beyond it, where heights do not matter.
+# No points are taken so near to the rim: noise would carry them beyond it, and there the heights do not matter.
 _RIM = 0.01
-# The fit takes one point of so many, and most steps.
+# The fit takes one point of _EVERY, and at most _STEPS steps.
 _EVERY, _STEPS, _SMOKE_STEPS = 20, 8, 1
-# Points of the distributions that are stored.
+# Quantiles that describe the stored distributions.
 _QUANTILES = np.linspace(0, 1, 201)
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     truth = wavy_net(_SMOKE_PATCHES if run.smoke else _PATCHES)
     rows = samples(bicubic(truth), _SMOKE_POINTS if run.smoke else _POINTS)
@@ -61,7 +60,7 @@ def main() -> None:
 
 
 def _fitted(scan: np.ndarray, net: np.ndarray, smoke: bool) -> tuple[np.ndarray, list[float], float]:
-    """The net with fitted heights, the root mean square after each step, and the seconds of the fit."""
+    """Return the net with fitted heights, the root mean square after each step, and the seconds of the fit."""
     sides = jnp.asarray(net[..., :2])
     knots = [np.arange(count + 4.0) for count in net.shape[:2]]
 

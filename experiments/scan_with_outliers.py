@@ -1,14 +1,15 @@
 """Which statistic registers a known outline to its scan if a tenth of the points belong to something else?
 
-400 points of a closed cubic spline of 12 control points, with normal noise of 0.01 in both coordinates; a share of them
-lies anywhere in a square beside it instead, as where the table was scanned too. jhd.minimize_hausdorff moves, turns and
-scales the spline, which begins a fifth of its size away, by one word each: the largest distance, and of the distances
-from the points the root mean square, the mean and the quantile 0.8. What is compared is the error: how far the places
-that were scanned, without noise and outliers, are from the spline at most, proven.
+The scan is 400 points of a closed cubic spline of 12 control points, with normal noise of 0.01 in both coordinates. A
+fraction of them are outliers, spread over a square next to the spline, as if the scan included the table.
+jhd.minimize_hausdorff moves, turns and scales the spline, which begins a fifth of its size away. It minimizes four
+statistics, each selected by one word: the largest distance; and the root mean square, the mean and the quantile 0.8 of
+the distances from the points. The error is the proven largest distance from the scanned locations, without noise and
+outliers, to the spline.
 
 Claims: without outliers the last three end within the noise. From 5 % of outliers on the largest distance and the root
-mean square end more than ten times the noise away. The quantile stays within the noise up to the 20 % that it leaves
-out, the mean within one and a half times the noise up to there; at 30 % all are led astray.
+mean square end more than ten times the noise away. The quantile stays within the noise up to the 20 % that it ignores,
+the mean within one and a half times the noise up to there; at 30 % all are led astray.
 
 Feeds: figure and table "scan with outliers".
 Takes: 2 minutes.
@@ -25,18 +26,18 @@ import jhd
 from jhd._results.solution import name_of
 
 POINTS, NOISE = 400, 0.01
-# How far out the control points are.
+# Distances of the control points from the center.
 RADII = np.array([1.3, 1.05, 0.6, 0.9, 1.4, 1.1, 0.75, 0.95, 1.25, 0.8, 0.65, 1.15])
 SHARES = (0.0, 0.05, 0.1, 0.2, 0.3)
-# Corners of the square of the outliers, and the share of the points that the quantile is about.
+# Corners of the square of the outliers, and the fraction of the points that the quantile considers.
 LOW, HIGH, QUANTILE = (0.9, -1.6), (1.9, -0.6), 0.8
-# Of the place of the spline: cosine and sine of the turn, both times the scale, and the shift.
+# Pose of the spline: cosine and sine of the turn, both times the scale, and the shift.
 TRUTH, START = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.8, 0.25, 0.15, -0.1])
 STEPS, SMOKE_STEPS = 60, 16
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     count, shares, steps = (60, (0.1,), SMOKE_STEPS) if run.smoke else (POINTS, SHARES, STEPS)
     cases = [_case(*scan(count, share, run.random), share, steps) for share in shares]
@@ -53,7 +54,7 @@ def main() -> None:
 
 
 def placed(place: Any) -> jhd.BSplineCurve:
-    """The spline turned, scaled and shifted."""
+    """Return the spline turned, scaled and shifted."""
     angle = 2 * np.pi * np.arange(len(RADII)) / len(RADII)
     net = RADII[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     turn = jnp.array([[place[0], place[1]], [-place[1], place[0]]])
@@ -61,7 +62,7 @@ def placed(place: Any) -> jhd.BSplineCurve:
 
 
 def scan(count: int, share: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Places on the spline, and noisy points there of which a share lies beside it."""
+    """Return points on the spline, and the noisy scan of them, of which a fraction are outliers."""
     places = np.asarray(placed(TRUTH).segments()(np.sort(random.uniform(0, len(RADII), count))))
     points = places + NOISE * random.normal(size=places.shape)
     others = random.choice(count, round(share * count), replace=False)
@@ -70,7 +71,7 @@ def scan(count: int, share: float, random: np.random.Generator) -> tuple[np.ndar
 
 
 def _case(places: np.ndarray, points: np.ndarray, share: float, steps: int) -> dict[str, Any]:
-    """One scan by all statistics."""
+    """Register one scan by all statistics."""
     statistics = {
         "maximum": jhd.MaxDistance(),
         "root mean square": jhd.RMSDistance(directed=True),

@@ -1,15 +1,15 @@
 """What happens to the published distance if cells are kept that hold no point of the surface?
 
-The method of the paper takes every cell that its range of the polynomial cannot exclude for a part of the surface.
-Three pairs on which that fails: (1) a surface B with a factor that nearly vanishes beside A and is zero nowhere, so
-that cells near it stand for points that are not there; (2) such a factor in A; (3) an A that is nothing else, and has
-no point at all. For each: the published interval, that of the safe rule, which asks for a proof where it counts, and
-the bounds of BranchAndBound.
+The method of the paper treats every cell that its range of the polynomial cannot exclude as a part of the surface. This
+fails on three pairs: (1) a surface B with a factor that nearly vanishes near A and is zero nowhere, so that cells there
+stand for points that do not exist; (2) such a factor in A; (3) an A that consists of such a factor alone, and has no
+point at all. For each pair: the published interval, the interval of the safe rule, which asks for a proof when it
+counts, and the bounds of BranchAndBound.
 
 Claims: on the first two the published interval misses the distance with every number of cells up to 256 along an axis,
-by at least 0.87 below 2.5 and 1.5 above 0.1 (0.95 and 1.7 at 256), and on the third it gives a number where there is
-none. The safe interval and BranchAndBound always hold the distance; on the third the safe rule does not certify that
-there is one, and BranchAndBound proves that A is empty.
+by at least 0.87 below 2.5 and 1.5 above 0.1 (0.95 and 1.7 at 256). On the third it gives a number although no distance
+exists. The safe interval and BranchAndBound always hold the distance. On the third the safe rule does not certify that
+a distance exists, and BranchAndBound proves that A is empty.
 
 Feeds: figure "spurious cells" and its table.
 Takes: 1 minute, 6 with compilation.
@@ -25,7 +25,7 @@ import jhd
 from jhd._results.solution import name_of
 
 SPHERE = "x^2 + y^2 + z^2 - 1"
-# Title; both polynomials; the distance, unless there is none; planes of the picture (z).
+# Title; both polynomials; the distance, or None if there is none; planes of the picture (z).
 PAIRS = (
     ("cells of B without a point", SPHERE, "((x - 1.2)^2 + y^2 + z^2 + 1e-4)*(x + 1.5)", 2.5, (0.0,)),
     (
@@ -37,13 +37,13 @@ PAIRS = (
     ),
     ("no point at all", "(x - 0.3)^2 + (y - 0.3)^2 + (z - 0.3)^2 + 1e-4", SPHERE, None, (0.3,)),
 )
-# Cells along an axis; those of the picture.
+# Cells along an axis, and their number in the picture.
 CELLS, SHOWN = (16, 32, 64, 128, 256), 32
 ATOL = 1e-6
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     cells = (16,) if run.smoke else CELLS
     pairs = [_measured(run, *pair, cells) for pair in PAIRS]
@@ -74,14 +74,14 @@ def _measured(
     numbers: dict[str, Any] = {"title": title, "polynomials": [f, g], "exact": exact, "planes": planes}
     for rule in ("paper", "safe"):
         numbers[rule] = [_found(a, b, jhd.published.CubeIntervals(count, rule)) for count in cells]
-    # The search would take longer to compile than a short run lasts.
+    # The search would take longer to compile than a smoke run lasts.
     numbers["search"] = None if run.smoke else _found(a, b, jhd.BranchAndBound(atol=ATOL))
     numbers["slices"] = [[_slice(shape, plane) for plane in planes] for shape in (a, b)]
     return numbers
 
 
 def _found(a: jhd.ImplicitSurface, b: jhd.ImplicitSurface, method: Any) -> dict[str, Any]:
-    """Both ends, or that a surface was proven to be empty."""
+    """Return both bounds, or that a surface was proven to be empty."""
     try:
         solution = jhd.directed_hausdorff(a, b, method, throw=False)
     except ValueError:
@@ -92,7 +92,7 @@ def _found(a: jhd.ImplicitSurface, b: jhd.ImplicitSurface, method: Any) -> dict[
 
 
 def _slice(shape: jhd.ImplicitSurface, plane: float) -> dict[str, Any]:
-    """Kept cells of the layer in which the plane lies, and which of them are proven to hold a point."""
+    """Return the kept cells of the layer that contains the plane, and which of them are proven to hold a point."""
     voxels = jhd.voxelize(shape, SHOWN, "modified_affine")
     layer = int((plane - float(voxels.lower[2])) / float(voxels.spacing[2]))
     here = np.asarray(voxels.cells)[:, 2] == layer

@@ -1,20 +1,24 @@
 """How many cells of a patch does a certified distance need, for each bound of a cell?
 
-Cells are taken in the order of their upper bounds of the distance from the other patch and cut in two, and the largest
-bound left is followed. Bounds, those of common_surface_bounds.py in NumPy: Lipschitz, the distance in the middle and
-half of what the cell can be long; one foot, the largest coefficient of the squared distance from it; a moving foot,
-which an affine map of the parameters takes along; two branches of these in the best shares. Beside them jhd's own
-search, at tolerances from coarse to fine, whose bound takes tangent planes of the squared distance, ties of branches
-and sides of cells in (jhd._distance.cells.weighted), or feet that are followed to higher order where the distance is
-constant. Three pairs whose distance is known exactly: a maximum where the surfaces are parallel, one on a ridge where
-two feet are as near, and two planes, one with curved parameters, which are as far from each other everywhere.
+The search takes cells in the order of their upper bounds of the distance from the other patch, cuts them in two, and
+records the largest remaining bound. The bounds of common_surface_bounds.py in NumPy are:
+
+- Lipschitz: the distance in the middle plus half of the largest possible length of the cell;
+- one foot: the largest coefficient of the squared distance from it;
+- a moving foot, which follows an affine map of the parameters;
+- two branches of moving feet in the best convex combination.
+
+They are compared with jhd's own search, at tolerances from coarse to fine. Its bound also uses tangent planes of the
+squared distance, ties of branches and sides of cells (jhd._distance.cells.weighted). If the distance is constant, it
+follows feet to higher order. The distance of three pairs is known exactly: a maximum with parallel surfaces, a maximum
+on a ridge with two equally near feet, and two planes at constant distance, one with curved parameters.
 
 Claims: all bounds of jhd enclose the exact distance, and it closes to 1e-10 of the diagonal with fewer than a hundred
-cells on each pair, and fewer than any other bound takes. Between two feet no other is below 1e-5 after 129 cells; where
-the tangent planes are parallel moving feet get there too, with more than twice as many.
+cells on each pair, and fewer than any other bound takes. Between two feet no other is below 1e-5 after 129 cells; if
+the tangent planes are parallel, moving feet reach the tolerance too, with more than twice as many cells.
 
 Feeds: figure and table "cells of surfaces".
-Takes: 1 minute (30 seconds of processors).
+Takes: 1 minute (30 CPU seconds).
 """
 
 import heapq
@@ -30,7 +34,7 @@ from jhd._results.solution import name_of
 
 _CELLS, _SMOKE_CELLS = 129, 33
 _TOLERANCES, _SMOKE_TOLERANCES = 10.0 ** -np.arange(2.0, 11.0), (1e-10,)
-# What values at nodes lose; gaps below are none.
+# Loss of accuracy of values at nodes; smaller gaps do not count.
 _ROUNDING = 1e-11
 _GOAL = 1e-10
 
@@ -44,7 +48,7 @@ class KnownPair(NamedTuple):
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     found, rows = {}, []
     pairs = _pairs()
@@ -63,7 +67,7 @@ def main() -> None:
 
 
 def _pairs() -> dict[str, KnownPair]:
-    """Patches (x, y, z) over x and z, whose places 0 lie off the middles of their parameters."""
+    """Return patches (x, y, z) over x and z; the parameters of x = z = 0 are off the middle."""
     x, z = np.array([-0.75, 2.25]), np.array([-0.55, 1.0])
     wide, long = np.array([-1.5, 3.0]), np.array([-1.0, 2.0])
     flat = np.zeros((4, 3, 3))
@@ -94,7 +98,7 @@ def _pairs() -> dict[str, KnownPair]:
 
 
 def _graph(x: np.ndarray, z: np.ndarray, height: Callable[[Any], Any]) -> Patch:
-    """The graph of a polynomial of degrees 3 and 2 over a rectangle, by its values."""
+    """Return the graph of a polynomial of degrees 3 and 2 over a rectangle, by its values."""
     u, v = np.linspace(0, 1, 4), np.linspace(0, 1, 3)
     places = x[0] + x[1] * u[:, None] + 0 * v, z[0] + z[1] * v + 0 * u[:, None]
     points = np.stack([places[0], height(places), places[1]], axis=-1)
@@ -108,7 +112,7 @@ def _diagonal(pair: KnownPair) -> float:
 
 
 def _bezier(patch: Patch) -> np.ndarray:
-    """Control points."""
+    """Return control points."""
     rows = patch.rows
     for axis in range(2):
         n = rows.shape[axis] - 1
@@ -125,7 +129,7 @@ def _bernstein(n: int, i: int, t: float) -> float:
 
 
 def _search(pair: KnownPair, bound: Callable[..., float], most: int, size: float) -> dict[str, Any]:
-    """The largest bound left, after so many cells have been bounded."""
+    """Return the largest remaining bound against the number of bounded cells."""
     whole = Rectangle(np.zeros(2), np.ones(2))
     heap, count = [(-bound(pair.a, pair.b, whole), 0, whole)], 1
     cells, gaps = [count], [-heap[0][0] - pair.exact]
@@ -133,7 +137,7 @@ def _search(pair: KnownPair, bound: Callable[..., float], most: int, size: float
         above, _, cell = heapq.heappop(heap)
         for part in cell.halves():
             count += 1
-            # What holds for a cell holds for its parts.
+            # A bound of a cell holds for its parts.
             heapq.heappush(heap, (max(-bound(pair.a, pair.b, part), above), count, part))
         cells.append(count)
         gaps.append(-heap[0][0] - pair.exact)
@@ -141,7 +145,7 @@ def _search(pair: KnownPair, bound: Callable[..., float], most: int, size: float
 
 
 def _ours(pair: KnownPair, tolerances: Any, size: float) -> dict[str, Any]:
-    """Cells and gaps of the package at each tolerance."""
+    """Return cells and gaps of the package at each tolerance."""
     a, b = (jhd.BezierPatch(_bezier(p)) for p in (pair.a, pair.b))
     found = [jhd.directed_hausdorff(a, b, jhd.BranchAndBound(atol=t * size), throw=False) for t in tolerances]
     # Control points are rounded, so that the stored distance differs in the last digits.

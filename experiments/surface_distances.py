@@ -1,19 +1,25 @@
-"""How far apart are surfaces, curves, points and meshes, and what do samples give in the same time?
+"""How far apart are surfaces, curves, points and meshes, and how accurate are samples in that time?
 
-Six pairs of different kinds: a sheet of 100 bicubic patches and the same with its control points moved at random; a
-curve above the sheet; 10 000 noisy points of it; a rational torus and a wider one about the same circle, whose distance
-is the same everywhere; a rational torus and one that is stretched and turned; a polynomial ellipsoid and a mesh of 588
-triangles with bumps. Each is measured by jhd to a tolerance given as a share of the diagonal, and beside it, in the
-same process, by a k-d tree on samples of both shapes, of which there are twice as many until they take as long. Seconds
-are those of the processors, those of jhd of a second call, as the first one compiles.
+Six pairs of different kinds:
+
+- a sheet of 100 bicubic patches, and this sheet with its control points moved at random;
+- a curve above the sheet;
+- 10 000 noisy points of the sheet;
+- a rational torus and a wider one about the same circle, at constant distance;
+- a rational torus and a stretched and turned one;
+- an ellipsoid as an implicit surface and a mesh of 588 triangles with bumps.
+
+jhd measures each pair to a tolerance, given as a fraction of the diagonal. In the same process, a k-d tree measures
+samples of both shapes, whose number is doubled until they take as long. Times are CPU seconds. jhd is timed in a second
+call, because the first one compiles.
 
 Claims: every pair closes to its tolerance (1e-10 of the diagonal, 1e-6 for tori, 1e-4 for the mesh) in less than two
-seconds, and the distance of both tori, 0.05 exactly, is enclosed. In as much time samples are off by more than 1e4
-times the tolerance for the first three pairs, by a hundred times for the wider torus, and by more than ten times the
-gap for the stretched one; beside the mesh, where the tolerance is wide, by less than it.
+seconds, and the distance of both tori, 0.05 exactly, is enclosed. In this time samples are off by more than 1e4 times
+the tolerance for the first three pairs, by a hundred times for the wider torus, and by more than ten times the gap for
+the stretched one. For the mesh, whose tolerance is wide, they are off by less than the tolerance.
 
 Feeds: figure and table "distances of surfaces".
-Takes: 1 minute, half of it compilation (40 seconds of processors).
+Takes: 1 minute, half of it compilation (40 CPU seconds).
 """
 
 from typing import Any, NamedTuple
@@ -35,7 +41,7 @@ _CURVE = [[0, 0, 0.2], [0.3, 0.1, 0.3], [0.4, 0.6, -0.1], [0.7, 0.5, 0.3], [0.8,
 
 
 class ShapePair(NamedTuple):
-    """Two shapes, whether one direction is asked for, and the tolerance as a share of the diagonal."""
+    """Two shapes, whether to measure only one direction, and the tolerance as a fraction of the diagonal."""
 
     name: str
     a: Any
@@ -45,7 +51,7 @@ class ShapePair(NamedTuple):
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     found = [_measured(run, pair) for pair in _pairs(run)]
     header = ["pair", "lower", "upper - lower", "of the diagonal", "result", "seconds", "first call", "cells"]

@@ -1,17 +1,17 @@
 """How far are triangulations of 100 NURBS patches from the surface, compared with stated errors and samples?
 
-A sheet of 100 bicubic patches (a NURBS surface whose weights are one) is triangulated by `to_mesh` to tolerances that
-give 299 to 45 900 triangles. The mesher promises a deviation, which is proven but from above alone; both directed
-distances are then proven from both sides, to 2 % of themselves from the mesh and 5 % from the surface. Beside them
-stands the largest distance of samples of both, found by a k-d tree: twice as many until they take as long or are half
-a million. Seconds are those of the processors, where a number of triangles comes first with compilation.
+`to_mesh` triangulates a sheet of 100 bicubic patches (a NURBS surface whose weights are one) to tolerances that give
+299 to 45 900 triangles. The mesher guarantees an upper bound of the deviation, but no lower one. So both directed
+distances are proven from both sides, to 2 % of their value from the mesh and 5 % from the surface. They are compared
+with the largest distance of samples of both, by a k-d tree; their number is doubled until they take as long or exceed
+half a million. Times are CPU seconds; they include compilation if a number of triangles occurs for the first time.
 
-Claims: the distance stays below what is promised, from the mesh at 73 to 97 % of it, and times the number of triangles
-it is within a tenth of its mean. Samples say up to 1.1 times the distance of the coarsest mesh, and more than 39 and
-100 times those of the finest, by direction: what they find is how far they are from each other.
+Claims: the distance stays below the guarantee, from the mesh at 73 to 97 % of it. Its product with the number of
+triangles stays within a tenth of its mean. Samples give up to 1.1 times the distance of the coarsest mesh, and more
+than 39 and 100 times the distance of the finest, by direction: they measure their own spacing.
 
 Feeds: figure and table "tessellation check".
-Takes: 2 minutes (67 seconds of processors).
+Takes: 2 minutes (67 CPU seconds).
 """
 
 from typing import Any
@@ -23,16 +23,16 @@ import jhd
 from jhd._results.solution import name_of
 
 _PATCHES, _SMOKE_PATCHES = 10, 1
-# What the mesher is asked for, from coarse to fine.
+# Tolerances for the mesher, from coarse to fine.
 _ASKED, _SMOKE_ASKED = (6e-3, 2e-3, 5e-4, 2e-4, 7e-5, 2.8e-5), (3e-2, 1e-2)
-# Bounds are closed to these shares of the distance.
+# Bounds are closed to these fractions of the distance.
 _SHARES, _SMOKE_SHARES = {"to_surface": 0.02, "to_mesh": 0.05}, {"to_surface": 0.2, "to_mesh": 0.2}
-# Which mesh is drawn.
+# Index of the mesh in the figure.
 _SHOWN = 1
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     sheet = bicubic(wavy_net(_SMOKE_PATCHES if run.smoke else _PATCHES))
     asked = _SMOKE_ASKED if run.smoke else _ASKED

@@ -4,22 +4,23 @@ Random pairs of two kinds: single cubics, with normal control points; and closed
 two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, proven to 1e-10 of the diagonal,
 
 - of a batch of 1 to 1 024 pairs (64 to 8 192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
-- the same with the search in the program (`jhd.searches_in_program`), which is how an accelerator works anyway;
-- one by one, by one compiled program;
+- in such a batch with the search compiled into the function (`jhd.searches_in_program`), as always on an accelerator;
+- one by one, by one compiled function;
 - one by one, by plain calls.
 
-On a CPU a compiled function calls the kept search on the host: blocks of a batch are shared by all cores. With the
-search in the program the pairs of a batch are searched one after the other on one core by design
-(`jax.custom_batching.sequential_vmap`), since side by side each would last as long as the longest of them; on an
-accelerator they are searched side by side. The device and the number of cores are named in the numbers. Programs are
-compiled for 4, 16, 48, ... segments, so that a cubic is repeated four times, and 30 segments cost what 48 do. Beside it
-SciPy's k-d trees on one core, both directions, trees included, pair by pair, with 100 samples a segment, taken
-beforehand for free, and their error. The same 256 pairs each time, more in larger batches; arrays are stacked
-beforehand. All in one process, in turns; times are medians, warm.
+On a CPU a compiled function calls the kept search on the host, which spreads blocks of a batch over all cores. If the
+search is compiled into the function, one core searches the pairs of a batch one after the other by design
+(`jax.custom_batching.sequential_vmap`), since side by side each pair would take as long as the longest one. On an
+accelerator they are searched side by side. The saved numbers name the device and the number of cores. Functions are
+compiled for 4, 16, 48, ... segments, so that a cubic is repeated four times, and 30 segments cost as much as 48.
 
-Claims: the answers of a batch are those one by one to rounding. On two cores of a CPU a batch of 256 pairs or more is
+For comparison: SciPy's k-d trees on one core, both directions, trees included, pair by pair, with 100 samples a
+segment, and their error; the samples are not timed. Batches use the same 256 pairs, larger ones use more; arrays are
+stacked beforehand. All run in one process, in turns; times are medians, warm.
+
+Claims: the answers of a batch equal those one by one to rounding. On two cores of a CPU a batch of 256 pairs or more is
 searched at least three times as fast as pairs one by one for single cubics, twice for curves of 30 segments, and faster
-than with the search in the program. The trees have errors of 1e-6 in the median and up to 1e-3.
+than with the search compiled into the function. The trees have errors of 1e-6 in the median and up to 1e-3.
 
 Feeds: figure and table "throughput".
 Takes: 3 minutes.
@@ -39,22 +40,22 @@ import jhd
 from jhd._distance.normalization.curves import padded_count
 
 _BATCHES = (1, 4, 16, 64, 256, 1024)
-# On an accelerator a program takes half a minute to compile for each size, and a call tens of milliseconds.
+# On an accelerator each size takes half a minute to compile, and a call tens of milliseconds.
 _ON_ACCELERATOR = (64, 1024, 8192)
-# All batches up to this size, and all that goes one by one, take the same pairs.
+# All batches up to this size, and all single calls, take these first pairs.
 _CLAIMED = 256
 _SEGMENTS = 30
 _SAMPLES = 100
 # Mean radius and stretch of the ellipses, and the standard deviation of the radius, in radii.
 _RADIUS, _STRETCH, _NOISE = 100.0, 1.2, 0.1
-# Everything is measured in turns, so that what else runs on the machine slows all of it; the first turn is not counted.
+# Measured in turns, so that other work on the machine slows all calls equally; the first turn is not counted.
 _ROUNDS, _FEW_ROUNDS = 5, 2
 
 Pair = tuple[jhd.BezierSegments, jhd.BezierSegments]
 
 
 class Answer(NamedTuple):
-    """What is kept of every solution: arrays of the batch's shape."""
+    """The stored parts of every solution: arrays of the batch's shape."""
 
     value: Any
     lower: Any
@@ -63,7 +64,7 @@ class Answer(NamedTuple):
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     platform = jax.default_backend()
     batches = (4,) if run.smoke else _BATCHES if platform == "cpu" else _ON_ACCELERATOR
@@ -88,7 +89,7 @@ def _tracing(random: np.random.Generator) -> jhd.BezierSegments:
 
 
 def _stacked(pairs: list[Pair]) -> Any:
-    """Both curves of all pairs, as one curve each with a leading axis."""
+    """Stack both curves of all pairs, as one curve each with a leading axis."""
     return jax.tree_util.tree_map(lambda *rows: jnp.stack(rows), *pairs)
 
 
@@ -98,7 +99,7 @@ def _answer(a: jhd.BezierSegments, b: jhd.BezierSegments) -> Answer:
 
 
 def _measured(run: Run, pairs: list[Pair], batches: tuple[int, ...]) -> dict[str, Any]:
-    """Seconds a pair of all batches and of what goes one by one, and whether the answers agree."""
+    """Return seconds a pair of all batches and of single calls, and whether the answers agree."""
     one, batch = (jax.jit(function, compiler_options=run.options) for function in (_answer, jax.vmap(_answer)))
     few = pairs[:_CLAIMED]
     samples = [[sample(np.asarray(curve.control_points), _SAMPLES) for curve in pair] for pair in few]
@@ -110,7 +111,7 @@ def _measured(run: Run, pairs: list[Pair], batches: tuple[int, ...]) -> dict[str
             for way, inside in ways.items()
             for n, stacked in parts.items()
         },
-        # Answers are waited for at the end alone, which serves a device that works while Python goes on.
+        # Waits only for the last answer, so that a device can work while Python goes on.
         "one by one": lambda: [one(*pair) for pair in few],
         "plain": lambda: [jhd.hausdorff(*pair) for pair in few],
         "k-d tree": lambda: [_trees(*rows) for rows in samples],
@@ -144,7 +145,7 @@ def _joined(answers: list[Answer]) -> Answer:
 
 
 def _checked(pairs: list[Pair], batch: Answer, alone: Answer, sampled: np.ndarray) -> dict[str, Any]:
-    """Steps, and proven gaps, differences of the answers and errors of the samples in diagonals."""
+    """Return steps, and proven gaps, differences of the answers and errors of the samples in diagonals."""
     diagonals = np.array([_diagonal(pair) for pair in pairs])
     error = np.abs(sampled - batch.value) / diagonals
     return {
@@ -186,7 +187,7 @@ def _tables(kinds: dict[str, Any], device: str) -> str:
 
 
 def _named(found: dict[str, Any]) -> dict[str, float]:
-    """Seconds a pair by a name to read."""
+    """Return seconds a pair by readable names."""
     batches = {
         f"{way}, {entry['size']} pairs": entry["seconds"] for way, rows in found["batches"].items() for entry in rows
     }

@@ -1,19 +1,19 @@
-"""What would a million shapes take on a cluster, extrapolated from a few thousand letters?
+"""How long would a million shapes take on a cluster, extrapolated from a few thousand letters?
 
-A million shapes are more than one call holds, so they are cut into shards, and each pair of shards is one task: a call
-of `jhd.nearest_shapes` or `jhd.pairs_within` on some worker of any executor, whose results are merged: of the nearest
-shapes that each shard gives, the nearest. Here such calls are measured on pairs of shards of 500 to 4 000 letters of
-three DejaVu families, drawn at random, no letter in both: CPU seconds of pivot distances and of the rest, distances
-searched for, and bytes of a shape on its way. Blocks of `jhd.pairwise` give the price of one distance.
+A million shapes are more than one call holds, so they are cut into shards. Each pair of shards is one task: a call of
+`jhd.nearest_shapes` or `jhd.pairs_within` on some worker of any executor. Results are merged: of the nearest shapes in
+each shard, the nearest one is kept. Here such calls are measured on pairs of shards of 500 to 4 000 letters of the
+DejaVu fonts, drawn at random, no letter in both. Measured are CPU seconds of pivot distances and of the rest, the
+number of searched distances, and the bytes sent for a shape. Blocks of `jhd.pairwise` give the price of one distance.
 
-The plan multiplies what the largest shards took. Its assumptions: the million are as alike, and have as many segments,
-as these letters; shards are drawn at random; a thousand cores like this one are busy four fifths of the time; each task
-knows nothing of the others, so the best bounds of one shard do not help the next. Nothing is extrapolated to larger
-shards, which would need fewer pivot distances and fewer searches.
+The plan multiplies the costs of the largest shards. Its assumptions: the million are as alike, and have as many
+segments, as these letters; shards are drawn at random; a thousand cores like this one are busy four fifths of the time;
+tasks are independent, so the best bounds of one shard do not help the next. Nothing is extrapolated to larger shards,
+which would need fewer pivot distances and fewer searches.
 
-Claims: the nearest shapes that two half shards give, merged, are those of the whole shard, within the proven bounds. In
-shards of 4 000 less than a hundredth of the distances is searched for. All pairs of a million take a thousand cores
-days and terabytes, the nearest of each an hour and all near-duplicates minutes.
+Claims: the merged nearest shapes of two half shards equal those of the whole shard, within the proven bounds. In shards
+of 4 000 less than a hundredth of the distances is searched for. All pairs of a million take a thousand cores days and
+terabytes, the nearest of each an hour and all near-duplicates minutes.
 
 Feeds: figure and table "to a million".
 Takes: 2 minutes.
@@ -31,13 +31,13 @@ import jhd
 _SHARDS = (500, 1000, 2000, 4000)
 _WITHIN = 0.01
 _MILLION, _CORES, _BUSY = 10**6, 1000, 0.8
-# Bytes of a distance in a store: value, both bounds and the result; of a neighbor these and an index; of a pair two.
+# Stored bytes: a distance has its value, both bounds and the result; a neighbor also an index; a pair two indices.
 _STORED = {"all pairs": 32, "nearest": 40, "within": 32}
 _HOUR = 3600.0
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     fonts, sizes = (SMALL, (20, 40)) if run.smoke else (FAMILIES, _SHARDS)
     glyphs = glyphs_of(fonts, run.smoke)
@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def _shard(a: Glyphs, b: Glyphs, size: int) -> dict[str, Any]:
-    """Both calls on one pair of shards."""
+    """Run both calls on one pair of shards."""
     near, spent = staged(lambda told: jhd.nearest_shapes(a.curves[:size], b.curves[:size], progress=told))
     some, others = a.curves[:size], b.curves[:size]
     within, also = staged(lambda told: jhd.pairs_within(some, others, threshold=_WITHIN, progress=told))
@@ -81,7 +81,7 @@ def _shard(a: Glyphs, b: Glyphs, size: int) -> dict[str, Any]:
 
 
 def _merged(a: Glyphs, b: Glyphs, size: int) -> dict[str, Any]:
-    """The nearest shapes from two halves of a shard beside those from all of it."""
+    """Compare the nearest shapes merged from two halves of a shard with those from the whole shard."""
     queries, shapes = a.curves[:size], b.curves[:size]
     whole = jhd.nearest_shapes(queries, shapes)
     parts = [jhd.nearest_shapes(queries, half) for half in (shapes[: size // 2], shapes[size // 2 :])]
@@ -92,7 +92,7 @@ def _merged(a: Glyphs, b: Glyphs, size: int) -> dict[str, Any]:
 
 
 def _plan(numbers: dict[str, Any]) -> dict[str, dict[str, float]]:
-    """Tasks, CPU hours, hours on the cluster and bytes kept of three questions about a million shapes."""
+    """Return tasks, CPU hours, hours on the cluster and bytes kept for three questions about a million shapes."""
     largest = numbers["shards"][-1]
     parts = _MILLION / largest["size"]
     ordered, unordered = parts**2, parts * (parts + 1) / 2

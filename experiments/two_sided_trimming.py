@@ -1,17 +1,17 @@
-"""Does trimming both curves, as it was published, keep the Hausdorff distance?
+"""Does trimming both curves, as published, keep the Hausdorff distance?
 
 Kim et al. 2010 drop the parts of either curve that lie within a lower bound LB of the distance from the other one, and
-solve for the events of the two rests. The place of the maximum survives this. Its foot need not: it stays only where
-it is itself farther than LB from the first curve, so where both directed distances agree up to the slack of LB.
-Random pairs of cubic B-splines of 8 control points are trimmed with the package's arcs and its test, once for the
-published bound (read from a distance map of 512 x 512 pixels, all errors subtracted) and once for the best one, the
-distance itself. The events of what is left of a are solved; with both trimmed, those with a foot in a trimmed part of b
-are struck out. The others are measured by their distance to all of b, and so are the ends of a, which is kinder than
-the source: a value can be too small only because an event is missing.
+solve for the events of the two rests. The location of the maximum survives this trimming. Its foot may not: it stays
+only if it is itself farther than LB from the first curve, so if both directed distances agree up to the slack of LB.
+Random pairs of cubic B-splines of 8 control points are trimmed with the package's arcs and its test. This is done once
+for the published bound (read from a distance map of 512 x 512 pixels, all errors subtracted) and once for the best one,
+the distance itself. The events of the rest of a are solved. If both are trimmed, events with a foot in a trimmed part
+of b are dropped. The remaining events, and the ends of a, are measured by their distance to all of b. This is kinder
+than the source: a value can be too small only because an event is missing.
 
-Claims: with a alone trimmed no value is off by more than 1e-7 of the diagonal. With both trimmed every family loses
-maxima, for either bound: 111 of 150 pairs that differ in two bumps, 6 of 150 that differ by noise, 72 of 150 that are
-unrelated, by up to 99, 53 and 91 % of the distance. Each value that is lost is below LB, so that the loss can be seen.
+Claims: with a alone trimmed no value is off by more than 1e-7 of the diagonal. With both trimmed every kind of pair
+loses maxima, for either bound: 111 of 150 pairs that differ in two bumps, 6 of 150 that differ by noise, 72 of 150 that
+are unrelated, by up to 99, 53 and 91 % of the distance. Each lost value is below LB, so that the loss can be seen.
 
 Feeds: figure "two-sided trimming" and the table of losses.
 Takes: 3 minutes, 1 once compiled.
@@ -37,19 +37,19 @@ from jhd._results.solution import name_of
 COUNT = 8
 FAMILIES = ("bumps", "noise", "unrelated")
 BOUNDS = ("map", "exact")
-# Deviation of the arcs and size of final boxes as shares of the diagonal; pixels along each side of a map, and samples
-# of a curve that is read from it, about two a pixel.
+# Deviation of the arcs and size of final boxes as fractions of the diagonal; pixels along each side of a map, and
+# samples of a curve that is read from it, about two a pixel.
 DEVIATION, FINAL, PIXELS, READ = 1e-4, 1e-9, 512, 4000
-# Boxes of roots end at that size, and a value is lost where more than this share of the diagonal is missing.
+# Boxes of roots end at that size. A value is lost if more than this fraction of the diagonal is missing.
 LOST = 1e-7
-# Places on each curve of the figure where the distance is drawn.
+# Parameters on each curve of the figure at which the distance is drawn.
 PROFILE = 501
 # Boxes of one system that are open together, and boxes in all, as BiarcTrimming has them.
 OPEN, BOXES = 256, 2**23
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     number = 3 if run.smoke else 150
     found = {family: [_trial(*_pair(family, run.random)) for _ in range(number)] for family in FAMILIES}
@@ -65,7 +65,7 @@ def main() -> None:
 
 
 def _pair(family: str, random: np.random.Generator) -> tuple[jhd.BezierSegments, jhd.BezierSegments]:
-    """A random pair: near each other but for a bump of either curve, near each other, or unrelated."""
+    """Draw a random pair: near each other but for a bump of either curve, near each other, or unrelated."""
     x = np.arange(COUNT)
     wave = np.stack([x, 1.2 * np.sin(0.9 * x)], axis=1) + 0.3 * random.normal(size=(COUNT, 2))
     a, b = wave, wave + (0.05 if family == "bumps" else 0.3) * random.normal(size=(COUNT, 2))
@@ -86,14 +86,14 @@ class _Side(NamedTuple):
     upper: np.ndarray
 
     def left(self, level: float) -> EventPieces:
-        """What is not proven to be nearer than the level, for all distances from there on."""
+        """Return the pieces that are not proven to be nearer than the level, for all distances from there on."""
         rows = np.flatnonzero(self.upper >= level)
         wanted = np.stack([np.full(len(rows), level), self.upper[rows]])
         return EventPieces(self.arcs.segment[rows], np.stack([self.arcs.t0[rows], self.arcs.t1[rows]]), wanted)
 
 
 def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
-    """One pair: the distance proven, and as it comes out for either bound with one or both curves trimmed."""
+    """Return the proven distance of one pair, and its value for either bound with one or both curves trimmed."""
     low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
     proven = jhd.hausdorff(a, b)
@@ -106,7 +106,7 @@ def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
     ]
     levels = {"map": _read(a, b, low, high, DEVIATION * diagonal), "exact": float(proven.lower)}
     bounds = {name: _solved(sides, frame, level, proven) for name, level in levels.items()}
-    # The package's own way, which raises where it misses an event.
+    # The package's own way, which raises an error if it misses an event.
     ours = float(jhd.hausdorff(a, b, jhd.published.BiarcTrimming()))
     if not abs(ours - float(proven)) <= LOST * diagonal:
         raise AssertionError(f"BiarcTrimming found {ours}; proven is {proven}")
@@ -115,7 +115,7 @@ def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
 
 
 def _read(a: jhd.BezierSegments, b: jhd.BezierSegments, low: np.ndarray, high: np.ndarray, deviation: float) -> float:
-    """The published lower bound: the largest reading along either curve in the map of the other, less all errors."""
+    """Return the published lower bound: the largest reading along either curve in the other's map, less all errors."""
     found = []
     for first, second in ((a, b), (b, a)):
         field = jhd.distance_map(jhd.biarcs(second, deviation), low, high, PIXELS)
@@ -124,13 +124,13 @@ def _read(a: jhd.BezierSegments, b: jhd.BezierSegments, low: np.ndarray, high: n
 
 
 def _profile(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
-    """The distance to b along a."""
+    """Return the distance to b along a."""
     t = np.linspace(0, a.count, PROFILE)
     return {"t": t, "distance": jhd.project(a(t), b).distance}
 
 
 def _solved(sides: list[_Side], frame: Frame, level: float, proven: jhd.HausdorffSolution) -> dict[str, Any]:
-    """Both values for one lower bound, and what is left of the curves."""
+    """Return both values for one lower bound, and the remaining parts of the curves."""
     pieces = [side.left(float(frame.common(level))) for side in sides]
     places = [_places(side.pair, *(pieces[i] for i in (k, 1 - k))) for k, side in enumerate(sides)]
     values = {}
@@ -153,7 +153,7 @@ def _solved(sides: list[_Side], frame: Frame, level: float, proven: jhd.Hausdorf
 
 
 def _places(pair: HostPair, mine: EventPieces, other: EventPieces) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Where a may be farthest: its ends and all events, and the same without those whose feet are trimmed."""
+    """Return candidates for the maximum: ends of a and all events; and again without those with trimmed feet."""
     ends = np.array([0, pair.a.moving - 1]), np.array([0.0, 1.0])
     found = {"one": [ends], "both": [ends]}
     for events in _events(pair, mine):
@@ -166,7 +166,7 @@ def _places(pair: HostPair, mine: EventPieces, other: EventPieces) -> dict[str, 
 
 
 def _events(pair: HostPair, pieces: EventPieces) -> list[Events]:
-    """All events with their maximum in the pieces and their feet anywhere."""
+    """Return all events with their maximum in the pieces and their feet anywhere."""
     if not len(pieces.segment):
         return []
     feet, found = everywhere(pair.b, len(pieces.segment)), []
@@ -180,7 +180,7 @@ def _events(pair: HostPair, pieces: EventPieces) -> list[Events]:
 
 
 def _foot_left(b: Curve, pieces: EventPieces, segment: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Whether feet lie in what is left of b; its ends are segments of one point there."""
+    """Return whether feet lie in the remaining part of b; its ends are segments of one point there."""
     end = segment >= b.moving
     zero, one = np.zeros(len(segment)), np.ones(len(segment))
     first, last = _inside(pieces, b.start_of[segment], zero, zero), _inside(pieces, b.end_of[segment], one, one)
@@ -188,27 +188,27 @@ def _foot_left(b: Curve, pieces: EventPieces, segment: np.ndarray, box: np.ndarr
 
 
 def _inside(pieces: EventPieces, segment: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
-    """Whether intervals of segments meet a piece; they are enlarged a little, in favor of trimming."""
+    """Return whether intervals of segments meet a piece; they are enlarged a little, in favor of trimming."""
     there = pieces.segment[:, None] == segment
     return np.any(there & (pieces.side[0][:, None] <= t1 + FINAL) & (pieces.side[1][:, None] >= t0 - FINAL), axis=0)
 
 
 def _farthest(pair: HostPair, segment: np.ndarray, t: np.ndarray) -> tuple[float, int, float]:
-    """The largest of the distances of places of a to all of b, and where."""
+    """Return the largest distance from points of a to all of b, and its segment and parameter."""
     distance, _ = measure(pair, segment, t)
     k = int(np.argmax(distance))
     return float(distance[k]), int(segment[k]), float(t[k])
 
 
 def _missing(trial: dict[str, Any], bound: str, name: str) -> float:
-    """What a value misses of the distance, as a share of it; 0 where it is not lost."""
+    """Return the missing fraction of the distance; 0 if the value is not lost."""
     exact = float(trial["solution"].value)
     off = exact - trial["bounds"][bound][name]["value"]
     return off / exact if off > LOST * trial["diagonal"] else 0.0
 
 
 def _summed(trials: list[dict[str, Any]], bound: str) -> dict[str, Any]:
-    """How often what happens in a family."""
+    """Count the outcomes of one kind of pair."""
     one, both = (np.array([_missing(trial, bound, name) for trial in trials]) for name in ("one", "both"))
     if np.any(one > 0):
         raise AssertionError(f"trimming a alone lost {one.max():.3g} of a distance")
@@ -229,7 +229,7 @@ def _summed(trials: list[dict[str, Any]], bound: str) -> dict[str, Any]:
 
 
 def _clarity(trial: dict[str, Any]) -> float:
-    """How well a pair shows the loss: what is missing for the published bound, where something is left of either curve.
+    """Rate how well a pair shows the loss: the part missing for the published bound, if some of both curves is left.
 
     Events at ends of a are left out: the two-sided value keeps them.
     """

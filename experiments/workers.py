@@ -1,14 +1,14 @@
 """How many distances of letters a second do threads, processes, Dask's workers and several devices compute?
 
 The same pairs of letters, of 17 to 48 segments each, by `jhd.pairwise` on threads, spawned processes, workers of loky
-and Dask where these are installed, and several devices that XLA simulates on the CPU, each in a process of its own.
-Beside them a plain loop of `jhd.hausdorff`. Everything is called twice and the second call counts, so that compilation
-and the start of workers are not in it; CPU seconds are those of this process and of what its workers spend on tasks.
-The number of processors and how busy the machine is stand in the numbers: with more workers than processors nothing
-more can be gained, and wall times of a busy machine say little.
+and Dask if these are installed, and several devices that XLA simulates on the CPU, each in a process of its own. For
+comparison, a plain loop of `jhd.hausdorff`. Everything is called twice and the second call counts, which excludes
+compilation and the start of workers. CPU seconds include this process and the tasks of its workers. The saved numbers
+state the number of processors and the load of the machine: more workers than processors gain nothing, and wall times
+mean little if the machine is busy.
 
-Claims: what a pair gets is the same to the last bit on all of these. A plain loop takes several times the CPU seconds
-of blocks, and more workers cost little more of these each pair.
+Claims: the result of a pair is bitwise identical on all of these. A plain loop takes several times the CPU seconds
+of blocks, and more workers add few CPU seconds to each pair.
 
 Feeds: figure and table "workers".
 Takes: 2 minutes.
@@ -38,22 +38,22 @@ from common_collections import SMALL, Glyphs, between, glyphs_of, load
 import jhd
 
 _FONT = "DejaVu Sans"
-# Letters on each side of the table, and their numbers of segments: those of one program.
+# Letters on each side of the table, and their numbers of segments, which fit one compiled function.
 _SIDE, _SEGMENTS = 48, (17, 48)
 _THREADS, _PROCESSES, _DEVICES = (1, 2, 4, 8), (1, 2), (1, 2, 4)
-# Pairs of the plain loop.
+# Number of pairs in the plain loop.
 _PLAIN = 200
 _FLAG = "--xla_force_host_platform_device_count"
 
 
 def timed(function: Callable[[Any], Any], argument: Any) -> tuple[Any, float]:
-    """The result of a task and the CPU seconds that this process spent meanwhile; one task at a time."""
+    """Return the result of a task and the CPU seconds that this process spent meanwhile; one task at a time."""
     start = time.process_time()
     return function(argument), time.process_time() - start
 
 
 class Metered(Executor):
-    """Hands tasks on to an executor, and adds up what its workers spend on them.
+    """Hands tasks on to an executor, and adds up the CPU seconds of its workers.
 
     Args:
         inner: does the work, one task at a time in each process.
@@ -67,7 +67,7 @@ class Metered(Executor):
             self._max_workers = workers
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future:
-        """The result of a task to come."""
+        """Return a future with the result of a task."""
         outer: Future = Future()
         self._inner.submit(timed, fn, *args).add_done_callback(partial(self._done, outer))
         return outer
@@ -84,7 +84,7 @@ class Metered(Executor):
 
 
 def main() -> None:
-    """Computes, saves and prints."""
+    """Compute, save and print."""
     run = Run(__file__, __doc__)
     side, small = (6 if run.smoke else _SIDE), run.smoke
     a, b = _letters(small, side)
@@ -103,7 +103,7 @@ def main() -> None:
 
 
 def _letters(small: bool, side: int) -> tuple[Glyphs, Glyphs]:
-    """The letters of both sides."""
+    """Return the letters of both sides."""
     if small:
         glyphs = glyphs_of(SMALL, small=True)
     else:
@@ -113,7 +113,7 @@ def _letters(small: bool, side: int) -> tuple[Glyphs, Glyphs]:
 
 
 def _pools() -> dict[str, Callable[[int], Any]]:
-    """What is there of executors whose workers are other processes."""
+    """Return the available executors with other processes as workers."""
     found: dict[str, Callable[[int], Any]] = {"processes": _spawned}
     if find_spec("loky"):
         found["loky"] = _loky
@@ -142,7 +142,7 @@ def _dask(count: int) -> Iterator[Executor]:
 
 
 def _measured(kind: str, count: int, pool: Executor, a: Glyphs, b: Glyphs) -> dict[str, Any]:
-    """The second of two calls, which finds all workers there and everything compiled."""
+    """Return the second of two calls, when all workers have started and everything is compiled."""
     jhd.pairwise(a.curves, b.curves, executor=pool)
     before = getattr(pool, "spent", 0.0)
     start, wall = time.process_time(), time.perf_counter()
@@ -162,7 +162,7 @@ def _measured(kind: str, count: int, pool: Executor, a: Glyphs, b: Glyphs) -> di
 
 
 def _plain(a: Glyphs, b: Glyphs, pairs: int) -> dict[str, Any]:
-    """A loop of single calls, once all programs that it needs are there."""
+    """Time a loop of single calls, once all functions that it needs are compiled."""
     chosen = [(x, y) for x in a.curves for y in b.curves][:pairs]
     for x, y in chosen:
         jhd.hausdorff(x, y)
@@ -174,7 +174,7 @@ def _plain(a: Glyphs, b: Glyphs, pairs: int) -> dict[str, Any]:
 
 
 def _devices(count: int) -> dict[str, Any]:
-    """The same with so many devices, in a process that is started with them."""
+    """Measure with `count` devices, in a process that starts with them."""
     environment = {
         **os.environ,
         "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {_FLAG}={count}",
@@ -188,7 +188,7 @@ def _devices(count: int) -> dict[str, Any]:
 
 
 def report_devices() -> None:
-    """Prints what is measured in this process on all of its devices."""
+    """Measure in this process on all of its devices, and print the numbers."""
     with ThreadPoolExecutor(1) as pool:
         print(json.dumps(_measured("devices", len(jax.devices()), pool, *_letters(False, _SIDE))))
 

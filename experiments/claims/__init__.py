@@ -1,8 +1,8 @@
-"""What each experiment claims, asserted on its numbers as it ends: `check_NAME` for experiments/NAME.py.
+"""The claim of each experiment, asserted on its numbers as it ends: `check_NAME` for experiments/NAME.py.
 
-Bounds, errors, counts and orders are claimed of any run, short ones too; claims of seconds are those of a full run on a
-quiet machine and mostly stand in the experiments' docstrings. What is claimed of all inputs is asserted of those that a
-run takes.
+Claims about bounds, errors, counts and orders hold for any run, also for smoke runs. Claims about seconds hold for a
+full run on a quiet machine; most of them are only stated in the experiments' docstrings. Claims about all inputs are
+asserted for the inputs of a run.
 """
 
 import json
@@ -20,5 +20,5 @@ CLAIMS: dict[str, Callable[[dict[str, Any]], None]] = {
 
 
 def check(name: str, numbers: dict[str, Any]) -> None:
-    """Asserts what an experiment claims, on its numbers as they are read from its file."""
+    """Assert an experiment's claims on its numbers as read from its file."""
     CLAIMS[name](json.loads(json.dumps(numbers)))

@@ -1,8 +1,8 @@
-"""What the experiments on many shapes, pairs and points claim."""
+"""Claims of the experiments on many shapes, pairs and points."""
 
 
 def full(numbers):
-    """Whether these are the numbers of a full run, whose counts and CPU seconds are claimed too."""
+    """Return whether these are the numbers of a full run, whose counts and CPU seconds are claimed too."""
     return not numbers["context"]["smoke"]
 
 
@@ -81,7 +81,7 @@ def check_scan_to_model(numbers):
     ends = numbers["ends"]
     for found in ends.values():
         assert found["result"] == "successful" and 0 <= found["upper"] - found["lower"] <= 1e-9
-        # From points to some places of the model it is farther than to the whole of it.
+        # The distance from points to a few points of the model is larger than to the whole model.
         assert found["lower"] <= found["samples"]["value"] and found["rms"] <= found["upper"]
     assert ends["after"]["rms"] < ends["before"]["rms"] and numbers["steps"][-1] < numbers["steps"][0]
     if full(numbers):

@@ -1,10 +1,10 @@
-"""What the experiments on curves claim."""
+"""Claims of the experiments on curves."""
 
 import numpy as np
 
 from .collections import full
 
-# What TwoStep and the proven projections promise, in units of the coordinates (some hundred, and some).
+# Promised error of TwoStep and the proven projections, in units of the coordinates (some hundred, and some).
 ERROR = 1e-10
 
 
@@ -18,7 +18,7 @@ def both_directions(numbers):
     best = max(c["solution"]["value"] for c in numbers["candidates"])
     chosen = numbers["directions"]["a_to_b"]
     assert abs(best - chosen["reference"]) < ERROR
-    # The maximum may be flat: its place is known to the root of its error.
+    # If the maximum is flat, its parameter is known only to the root of its error.
     assert min(abs(c["t"] - chosen["t"]) for c in numbers["candidates"]) < ERROR**0.5
     for candidate in numbers["candidates"]:
         assert candidate["solution"]["value"] >= candidate["distance"] - ERROR
@@ -37,7 +37,7 @@ def check_cao14_open_closed(numbers):
 
 def check_cao14_closed_closed(numbers):
     both_directions(numbers)
-    # As the source shows it for its sample 51; a short run has fewer samples.
+    # As the source shows for its sample 51; a smoke run has fewer samples.
     assert not full(numbers) or len(numbers["stationary"]["distance"]) == 10
     ours = [s for s in numbers["speeds"] if s["name"] == "TwoStep"]
     samples = [s for s in numbers["speeds"] if s["name"] != "TwoStep"]
@@ -131,7 +131,7 @@ def check_flattening_check(numbers):
     assert all(entry["answers"]["undecided"] == 0 and entry["count"] > 0 for entry in numbers["entries"])
     for entry in numbers["entries"]:
         lower, upper = (np.array(entry[key]) for key in ("lower", "upper"))
-        # The answers are those of the bounds, which are found another way.
+        # The answers must agree with the bounds, which are found another way.
         assert entry["answers"]["yes"] == np.sum(lower <= entry["tolerance"]) == np.sum(upper <= entry["tolerance"])
         fonttools = entry["name"] in ("cu2qu", "qu2cu")
         if fonttools or entry["family"] in ("letters", "inflection", "loop"):
@@ -170,7 +170,7 @@ def check_fonts(numbers):
         ):
             best = numbers["letters"].index(nearest)
             others = [k for k, other in enumerate(numbers["letters"]) if k != best and other not in tied]
-            # What the search calls nearest, the matrix proves: no letter but those tied can be nearer.
+            # The matrix proves the nearest letter of the search: only tied letters can be nearer.
             assert np.all(high[best] < low[others]), (name, letter)
     assert all(entry["largest_error"] > entry["spacing"] / 10 for entry in numbers["samples"])
     if full(numbers):
@@ -194,7 +194,7 @@ def check_first_call(numbers):
         without, first, second = (entry[way] for way in ("without", "first", "second"))
         assert without["bounds"] == first["bounds"] == second["bounds"]
         assert without["read"] == first["read"] == without["phases"]["writing"] == 0 < first["compiled"]
-        # Programs of the caller's own jit are JAX's to keep; the search that they call is kept.
+        # JAX itself caches functions of the caller's own jit; the search that they call is kept.
         if name.startswith("jit"):
             assert second["read"] > 0 and second["compiled"] > 0
             assert not full(numbers) or second["seconds"] < 0.35 * without["seconds"], name
@@ -210,7 +210,7 @@ def check_scaling(numbers):
     for entry in (entry for entries in numbers["kinds"].values() for entry in entries):
         assert entry["gap"] <= 1e-10 and entry["cells"] <= entry["segments"] + 64
         assert entry["cells"] <= entry["cells, both"] and entry["segments"] <= entry["padded"]
-    # In bounded memory: a program reserves less than 10 megabytes, one for few segments 1, and a process 1 gigabyte.
+    # Bounded memory: a compiled function reserves less than 10 megabytes, for few segments 1, and a process 1 gigabyte.
     for program in numbers["programs"]:
         most = 1e6 if program["padded"] < 96 else 1e7
         assert 0 < program["directed, reserved"] <= program["both, reserved"] < most
@@ -270,9 +270,9 @@ def check_kim10_figures(numbers):
     for pair in numbers["pairs"].values():
         found, parts = pair["solution"], pair["parts"]
         assert found["lower"] - 2 * pair["max_error"] <= pair["lower"] <= found["upper"]
-        # What is trimmed is within the bound, what is left has the farthest place, and is little.
+        # The trimmed parts are within the bound; the rest contains the farthest point, and is small.
         assert pair["trimmed_reaches"] <= pair["lower"] and pair["share_left"] < 0.1
-        # Trimmed as published, nothing of the other curve is left, where the feet are.
+        # Trimmed as published, nothing is left of the other curve, which contains the feet.
         assert pair["share_left_of_b"] == 0 and not any(pair["parts_of_b"]["left"])
         segment, t = found["witness"]["element"], found["witness"]["t"]
         rows = zip(parts["segment"], parts["t0"], parts["t1"], parts["left"], strict=True)
@@ -301,7 +301,7 @@ def check_biarc_convergence(numbers):
     for name, curve in numbers["curves"].items():
         counts = [row["arcs"] for row in curve["rows"]]
         assert np.all(np.diff(counts) >= 0), name
-        # A short run ends where these tolerances begin.
+        # A smoke run ends at the first of these tolerances.
         assert not full(numbers) or -0.345 <= curve["slope"] <= -0.305, name
         for row in curve["rows"]:
             rounding = 1e-14 * curve["diagonal"]

@@ -1,4 +1,4 @@
-"""What the experiments on fits claim."""
+"""Claims of the experiments on fits."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def check_quarter_circle(numbers):
         assert last < 1e-15 and last / second < 0.01 * second / third
         assert run["steps_within"] == run["stats"]["steps"] <= 9
     small, fits = not full(numbers), numbers["fits"]
-    # A short run has one start and no quintic.
+    # A smoke run has one start and no quintic.
     if not small:
         assert {run["start"]: run["steps_within"] for run in numbers["runs"]} == {0.3: 8, 0.5: 5, 0.8: 9}
         assert max(run["off"][-1] for run in numbers["runs"]) < 1e-16
@@ -42,11 +42,11 @@ def check_quarter_circle(numbers):
     assert list(fits) == ["parameter", "fixed", "free", "quintic"][: 3 if small else 4]
     for fit, maxima in zip(fits.values(), (3, 5, 7, 9), strict=False):
         error = fit["error"]
-        # Two distances of points of size one, each rounded twice at least: that is all they differ by.
+        # They differ only by the rounding of two distances of points of size one, each rounded twice at least.
         assert fit["active"] == maxima and fit["spread"] < 4 * np.finfo(float).eps and fit["optimality"] < 1e-15
         assert error["lower"] <= error["value"] <= error["upper"] <= error["lower"] + 1.01e-12
         assert abs(error["value"] - fit["known"]) < 1e-5 * fit["known"]
-        # The error curve, in rational arithmetic, stays below what is proven.
+        # The error curve, in rational arithmetic, stays below the proven bound.
         assert np.max(np.abs(fit["curve"]["error"])) <= error["upper"]
 
 
@@ -56,7 +56,7 @@ def check_registration(numbers):
         for entry in (*problem["ours"], *problem["icp"], *problem["icp_then_ours"]):
             assert entry["lower"] <= entry["value"] <= entry["upper"]
         for alone, before, after in zip(problem["ours"], problem["icp"], problem["icp_then_ours"], strict=True):
-            # Never farther than where it began, up to what is proven of either, nor than without ICP, to 1e-9.
+            # Never farther than the start, up to the proven bounds of either, nor than without ICP, to 1e-9.
             assert after["lower"] <= min(alone["upper"] + 1e-9, before["upper"])
         best = min(entry["upper"] for entry in problem["ours"] + problem["icp_then_ours"])
         if name == "copy":
@@ -84,7 +84,7 @@ def check_degree_reduction(numbers):
     for case in numbers["cases"]:
         ours, *others = case["methods"].values()
         assert not case["not_proven_farther"] and all(other["lower"] > ours["upper"] for other in others)
-        # One maximum more than parameters; where there is none, the best curve is one of a valley, found less sharply.
+        # One maximum more than parameters; if any is missing, the best curve lies in a valley, found less sharply.
         missing = 2 * (case["degree"] - 1) + 1 - ours["active"]
         assert missing in (0, 1) and ours["optimality"] < (1e-8 if missing else 1e-14)
         fewer += missing
@@ -135,7 +135,7 @@ def check_noisy_outline(numbers):
 
 
 def check_scan_with_outliers(numbers):
-    # A small run has one share of outliers, and few points and steps.
+    # A smoke run has one fraction of outliers, and few points and steps.
     small = not full(numbers)
     for case in numbers["cases"]:
         fits, share = case["fits"], case["share"]
@@ -159,7 +159,7 @@ def check_scan_with_outliers(numbers):
 
 def check_scaling_of_fits(numbers):
     for case in numbers["by_vertices"] + numbers["by_segments"]:
-        # What is proven is what the fit worked with.
+        # The proof agrees with the value that the fit worked with.
         assert case["lower"] <= case["last"] * (1 + 1e-9) <= case["upper"] * (1 + 2e-9)
         assert case["upper"] < case["first"]
     if full(numbers):

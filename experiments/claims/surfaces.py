@@ -1,10 +1,10 @@
-"""What the experiments on surfaces, meshes and fields claim."""
+"""Claims of the experiments on surfaces, meshes and fields."""
 
 import numpy as np
 
 from .collections import full
 
-# Samples of shapes over the unit square lie on a grid of a twelfth, and no place is this far from one of them there.
+# Samples of shapes over the unit square lie on a grid of a twelfth; every point is nearer than this to one of them.
 _APART = 0.06
 
 
@@ -13,7 +13,7 @@ def holds(found, exact):
 
 
 def both_ways(mesh, shares):
-    """Bounds of both directions as close as was asked for."""
+    """Return bounds of both directions; they must be as close as required."""
     for way, share in shares.items():
         found = mesh[way]
         assert found["result"] == "successful" and 0 < found["lower"] <= found["upper"], way
@@ -109,7 +109,7 @@ def check_mesh_peers(numbers):
     ours, *others = numbers["hausdorff"]
     assert ours["lower"] <= ours["value"] <= ours["upper"] <= ours["lower"] + 1e-8
     for way in others:
-        # Points of the meshes against the other mesh are never too far.
+        # Distances from points of the meshes to the other mesh are never too large.
         assert way["value"] <= ours["upper"] if way["name"] == "samples to meshes" else way["seconds"] > 0
 
 
@@ -118,7 +118,7 @@ def check_lin03_spheres(numbers):
     assert found["lower"] <= 2 <= found["upper"] <= found["lower"] + 3e-12
     first = np.array([answer["first"] for answer in numbers["answers"]])
     every = np.concatenate([answer["distances"] for answer in numbers["answers"]])
-    # It depends on the grid and on the pair of cubes, is never below the distance, and mostly beyond the stated error.
+    # The answer depends on the grid and the pair of cubes, is never too small, and mostly exceeds the stated error.
     assert np.ptp(first) > 1e-3 and np.ptp(every) > np.ptp(first) and every.min() >= 2 - 1e-12
     assert np.mean(first - 2 > eps) > 0.5 and eps < every.max() - 2 < 0.0167
     assert numbers["pairs_that_print_alike"] > 0 and f"{numbers['line']['distance']:.4f}" == "2.0020"
@@ -151,7 +151,7 @@ def check_surface_distances(numbers):
             assert found["lower"] <= 0.05 <= found["upper"]
         if full(numbers):
             assert pair["seconds"] < 2, pair["name"]
-            # In tolerances: patches, and the tori whose distance is constant.
+            # In units of the tolerance: for patches, and for the tori at constant distance.
             least = 1e4 if pair["share"] == 1e-10 else 100 if pair["name"] == "torus, wider torus" else 0
             assert pair["samples"]["off"] >= least * gap, pair["name"]
             assert pair["share"] < 1e-4 or pair["samples"]["off"] < gap, pair["name"]
@@ -163,7 +163,7 @@ def check_surface_bounds(numbers):
         assert ours["enclosed"] and set(ours["results"]) == {"successful"}, name
         assert ours["between"][-1] <= numbers["goal"] and ours["cells"][-1] < 100, name
         for family, search in pair["searches"].items():
-            # What values at nodes lose is far below.
+            # Values at nodes lose far less than this.
             assert min(search["gap"]) > -1e-9, (name, family)
             reached = search["gap"][-1] <= numbers["goal"]
             assert family == "jhd" or not reached or search["cells"][-1] > ours["cells"][-1], (name, family)
