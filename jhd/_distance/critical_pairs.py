@@ -64,7 +64,7 @@ def critical_pairs(a: ShapeLike, b: ShapeLike, capacity: int = 16) -> CriticalPa
 
 
 def _led(found: CriticalPairs, proven: HausdorffSolution, frame: Frame) -> CriticalPairs:
-    """The pairs, with the witness of the proven search in front if they miss the largest maximum."""
+    """Return the pairs, preceded by the witness of the proven search if they miss the largest maximum."""
     first, lower = found.value[0], jnp.asarray(proven.lower, found.value.dtype)
     missed = lower > first * (1 + NEARER) + frame.length(ROUNDED)
 

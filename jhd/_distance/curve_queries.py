@@ -1,8 +1,8 @@
 """Queries of curves: the nearest point and all stationary points of many points, on known and on traced numbers.
 
-Known queries are scaled in NumPy, and a kept program takes them one by one in blocks, which are shared by all cores.
-Traced queries on CPUs call the host for the same. Elsewhere, and for curves of very many segments, one program takes
-all queries of a block.
+Known queries are scaled in NumPy. A kept compiled function takes them in blocks, which all cores share. Traced queries
+on CPUs call the host. On other devices, and for curves of very many segments, one compiled function takes all queries
+of a block.
 
 The stationary parameters are the roots of f(s) = (P - B).B', in Bernstein form of degree 2 n - 1, or 3 n - 2 for
 rational curves.
@@ -53,36 +53,36 @@ from jhd._shapes.unchecked import trusted
 
 # Queries of a block that a CPU takes one by one: it may as well be filled in part.
 _ROWS = 256
-# Numbers of queries that other programs are compiled for; more are done in blocks of the last size.
+# Numbers of queries that other executables are compiled for; more queries are done in blocks of the last size.
 _BLOCKS = (1, 16, 128, 1024)
-# The same of long curves, which are prepared for each block.
+# Block size for long curves, which are prepared for each block.
 _LONG_BLOCK = 4096
-# Up to so many queries all curves of few segments share one size; more of them look at every segment so often that
-# repeated ones double the time.
+# Up to this number of queries, all curves of few segments share one size. More queries look at every segment so often
+# that repeated segments double the time.
 _FEW = 16
-# A larger change of the parameter by one more Newton step is no mending: the local methods stop where they please.
+# A larger change of the parameter by one more Newton step is no correction: the local methods may stop anywhere.
 _MENDED = 1e-6
 # Binary orders of magnitude that queries may differ by to be scaled together.
 _APART = 64
-# Queries that are searched side by side: more wait for the slowest of them, fewer leave vector units idle.
+# Queries searched in one batch: more wait for the slowest query, fewer leave vector units idle.
 _CHUNK = 128
 
 
 def projected_on_curve(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments) -> Projection:
-    """The nearest points of a curve to queries (..., dim), differentiable in both."""
+    """Return the nearest points of a curve to queries (..., dim), differentiable in both."""
     rows = _for_each(_nearest_to, _form_of_projection(curve), method, *undifferentiated((queries, curve)))
     return projection_with_derivatives(Projection(*rows), queries, curve)
 
 
 def stationary_on_curve(capacity: int, queries: Array, curve: BezierSegments) -> StationaryPoints:
-    """The stationary points of the distances from queries (..., dim); parameters and distances are differentiable."""
+    """Return the stationary points of the distances from queries (..., dim), differentiable in both."""
     one = _StationaryTo(capacity)
     rows = _for_each(one, _form_of_stationary(capacity, curve), (), *undifferentiated((queries, curve)))
     return stationary_with_derivatives(StationaryPoints(*rows), queries, curve)
 
 
 class _ProjectedRow(NamedTuple):
-    """The fields of a Projection, of one query or in rows."""
+    """The fields of a Projection, for one query or in rows."""
 
     distance: Any
     lower: Any
@@ -106,11 +106,11 @@ class _StationaryRow(NamedTuple):
 
 
 def _for_each(one: Callable[..., Any], answer: Any, option: Any, queries: Array, curve: BezierSegments) -> Any:
-    """Results for all queries, in the user's coordinates.
+    """Return results for all queries, in the user's coordinates.
 
     Args:
-        one: from the option, the curve padded by repetition, how many of its segments are not padding, and a query, all
-            scaled by a power of two, to a result; a function of this module, or a named tuple that can be called.
+        one: computes a result from the option, the curve padded by repetition, its number of segments without padding,
+            and a query, all scaled by a power of two; a function of this module, or a callable named tuple.
         answer: shapes and types of a result, as jax.ShapeDtypeStruct.
         option: a pytree of constants.
         queries: (..., dim).
@@ -128,7 +128,7 @@ def _for_each(one: Callable[..., Any], answer: Any, option: Any, queries: Array,
 
 
 def _on_host(one: Callable[..., Any], answer: Any, option: Any) -> Callable[..., Any]:
-    """From traced queries in rows and a curve to results by a call of the host.
+    """Return a function of traced queries in rows and a curve that computes results on the host.
 
     The queries of a batch with one curve are joined. If each member has a curve of its own and few queries, the host
     gets each query with its curve.
@@ -156,7 +156,7 @@ def _on_host(one: Callable[..., Any], answer: Any, option: Any) -> Callable[...,
 
 
 def _in_program(one: Callable[..., Any], answer: Any, option: Any, flat: Array, curve: BezierSegments) -> Any:
-    """Results for traced queries in rows, which are scaled in the program."""
+    """Return results for traced queries in rows, which are scaled inside the compiled function."""
     good = usable(curve) & jnp.all(jnp.isfinite(flat), axis=-1)
     host = calls_host() and not is_partitioned((flat, curve))
     count = padded_count(curve.count, small=True) if host else curve.count
@@ -170,7 +170,7 @@ def _in_program(one: Callable[..., Any], answer: Any, option: Any, flat: Array, 
 
 
 def _of_known(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndarray, curve: BezierSegments) -> Any:
-    """Results for known queries in rows. Queries far beyond others have a scale of their own."""
+    """Return results for known queries in rows. Queries far beyond others have a scale of their own."""
     size = np.max(np.abs(flat), axis=1, initial=np.max(np.abs(curve.control_points)))
     exponent = np.frexp(np.where(np.isfinite(size), size, 0.0))[1]
     apart = (exponent - exponent.min()) // _APART
@@ -186,7 +186,7 @@ def _of_known(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndarra
 
 
 def _of_similar(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndarray, curve: BezierSegments) -> Any:
-    """Results for known queries in rows, which are scaled together."""
+    """Return results for known queries in rows, scaled together."""
     good = usable_numbers(curve.control_points, curve.weights) & np.all(np.isfinite(flat), axis=-1)
     if not np.any(good):
         return _finite(jax.tree_util.tree_map(lambda s: np.zeros((len(flat), *s.shape), s.dtype), answer), good)
@@ -201,7 +201,7 @@ def _of_similar(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndar
 
 
 def _scaled(queries: Any, curve: BezierSegments, count: int) -> tuple[Any, BezierSegments, Frame]:
-    """Queries and the curve, padded by repetition, scaled by a power of two; and the way back."""
+    """Return queries and curve (padded by repetition) scaled by a power of two, and the frame that leads back."""
     points = module_of(queries).asarray(curve.control_points)
     frame = frame_of([extremes(queries), extremes(points)], center=origin)
     queries, points = common_points(frame, queries), common_points(frame, points)
@@ -212,12 +212,12 @@ def _scaled(queries: Any, curve: BezierSegments, count: int) -> tuple[Any, Bezie
 
 
 def _in_groups(option: Any, curve: BezierSegments) -> bool:
-    """Whether queries that lie near each other are searched together."""
+    """Return whether queries that lie near each other are searched together."""
     return isinstance(option, BestFirstProjection) and is_long(curve)
 
 
 def _by_blocks(one: Callable[..., Any], option: Any, used: Any, queries: Any, curve: BezierSegments) -> Any:
-    """Results for known queries, padded by repetition to blocks of a few sizes."""
+    """Return results for known queries, padded by repetition to blocks of a few sizes."""
     together = _in_groups(option, curve)
     order: Any = _order(queries) if together else slice(None)
     size = next((b for b in _BLOCKS if b >= len(queries)), _LONG_BLOCK if together else _BLOCKS[-1])
@@ -228,7 +228,7 @@ def _by_blocks(one: Callable[..., Any], option: Any, used: Any, queries: Any, cu
 
 
 def _finite(found: Any, good: Any) -> Any:
-    """Results with distances that claim nothing, and their own code, for queries that were no numbers."""
+    """Return results in which queries that were not finite have trivial bounds and their own result code."""
     xp = module_of(good)
     if xp is np and np.all(good):
         return found
@@ -249,7 +249,7 @@ def _unscaled(found: Any, frame: Frame) -> Any:
 
 
 def _form_of_projection(curve: BezierSegments) -> _ProjectedRow:
-    """Shapes and types of the result for one query."""
+    """Return shapes and types of the result for one query."""
     number, whole, result = _forms(curve)
     return _ProjectedRow(number(), number(), number(), number(curve.dim), whole(), number(), result)
 
@@ -270,7 +270,10 @@ _places = compiled(places)
 
 
 def _order(points: Any) -> np.ndarray:
-    """An order in which neighbors follow each other; of lengths that are powers of two, for which programs are few."""
+    """Return an order of the points in which neighbors follow each other.
+
+    Its length is a power of two, so that few functions are compiled.
+    """
     count = len(points)
     rows = points[np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1)]
     return np.argsort(np.asarray(_places(rows))[:count])
@@ -278,7 +281,7 @@ def _order(points: Any) -> np.ndarray:
 
 @partial(optimized, static=(0,))
 def _block(one: Callable[..., Any], option: Any, queries: Array, curve: BezierSegments, used: Any) -> Any:
-    """Results for some queries."""
+    """Return results for some queries."""
     if not _in_groups(option, curve):
         return in_chunks(lambda query: one(option, curve, used, query), queries, _CHUNK)
     blocks = blocks_of(curve)
@@ -296,14 +299,14 @@ def _nearest_to(method: AbstractProjectionMethod, curve: BezierSegments, _: Any,
 
 def _projection(curve: BezierSegments, point: Array, found: NearestOnCurve, result: Any) -> _ProjectedRow:
     piece = piece_of(curve, found.segment)
-    # Distances are as good as they get where the parameter is off by the root of that; one step mends it.
+    # Distances are accurate when the parameter is off by the root of the roundoff; one step corrects the parameter.
     t = stationary(found.t, point, piece, is_held(point, piece, found.t))
     t = jnp.where(jnp.abs(t - found.t) < _MENDED, jnp.clip(t, 0.0, 1.0), found.t)
     return _ProjectedRow(found.distance, found.lower, found.upper, jet(*piece, t).point, found.segment, t, result)
 
 
 class _StationaryTo(NamedTuple):
-    """The stationary points of a query, at most so many."""
+    """Compute the stationary points of a query, at most `capacity` of them."""
 
     capacity: int
 
@@ -313,7 +316,7 @@ class _StationaryTo(NamedTuple):
 
 
 def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: int) -> _StationaryRow:
-    """Stationary parameters of one query over all segments, the first `capacity` of them."""
+    """Return the first `capacity` stationary parameters of one query over all segments."""
     per_segment = min(capacity, 4 * (curve.degree + 1)) if curve.degree else 2
     roots = jax.vmap(lambda k: roots_on(point, curve, k, max(per_segment, 16)))(jnp.arange(curve.count))
     valid = (roots.valid & ~skip[:, None]).ravel()

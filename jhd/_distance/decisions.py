@@ -12,7 +12,7 @@ from jhd._shapes.checks import Numbers
 
 
 def checked_limit(threshold: Numbers) -> Array:
-    """The threshold as one number of at least 0; ValueError for anything else."""
+    """Return the threshold as a number of at least 0; raise ValueError otherwise."""
     limit = real_array("threshold", threshold)
     if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
         raise ValueError(f"threshold is {limit}; needs one number of at least 0.")
@@ -20,14 +20,14 @@ def checked_limit(threshold: Numbers) -> Array:
 
 
 def of_copies(solution: HausdorffSolution) -> HausdorffSolution:
-    """The solution for a shape and a copy of it: the distance is zero if the shape is certified to have a point."""
+    """Return the solution for a shape and its copy: distance zero if the shape is certified to have a point."""
     upper = jnp.where(jnp.isfinite(solution.upper), 0.0, solution.upper)
     return eqx.tree_at(lambda x: (x.lower, x.upper), solution, (jnp.zeros_like(upper), upper))
 
 
 @compiled
 def decided(solution: HausdorffSolution | MinimumSolution, limit: Array) -> Decision:
-    """The decision about a threshold that the bounds of a distance allow."""
+    """Return the decision about a threshold that the bounds of a distance allow."""
     lower, upper, most = (ordered(x) for x in (solution.lower, solution.upper, limit))
     below, above = upper <= most, lower > most
     answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))

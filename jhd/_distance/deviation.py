@@ -38,20 +38,20 @@ from jhd._shapes.patch import AbstractPatch
 from jhd._shapes.prepared import working
 from jhd.progress import Callback
 
-# Where no tolerance is asked for, gaps up to this share of the diagonal stay.
+# Without a given tolerance, gaps up to this fraction of the diagonal stay.
 _SHARE = 1e-6
-# What rounding leaves between bounds, in units of roundoff of coordinates of at most one.
+# Gap that rounding leaves between bounds, in units of roundoff of coordinates of at most one.
 _ROUNDINGS = 4096
 # Most steps of the search; its cells end it much earlier.
 _MAX_STEPS = 4000
-# Times that the largest cells are cut where none has a proven length or area, and so many of them.
+# Times that the largest cells are cut if none has a proven length or area, and number of cells cut each time.
 _LOOKS, _LOOKED_AT = 12, 16
 # Weights up to this power of two, and from its inverse on, are taken as they are: sums of their products are numbers.
 _EXTREME = 400
 
 
 class _Asked(NamedTuple):
-    """What is asked of the bounds: tolerances, the share of a quantile that they hold for too, and most cells."""
+    """Requested accuracy: tolerances, the fraction of a quantile that must meet them too (or None), and most cells."""
 
     atol: float
     rtol: float
@@ -144,7 +144,7 @@ def deviation(
 
 
 def check_kinds(a: Any, b: Any, directed: bool = True) -> None:
-    """Raises TypeError or ValueError unless the distances have a distribution; traced shapes are checked too.
+    """Raise TypeError or ValueError unless `deviation` serves these shapes; traced shapes are checked too.
 
     Args:
         a: the shape that the distances are taken over.
@@ -163,7 +163,7 @@ def check_kinds(a: Any, b: Any, directed: bool = True) -> None:
 
 
 def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[float, float]:
-    """Both tolerances."""
+    """Return both tolerances as floats: `atol` in the user's unit and `rtol`."""
     check_kinds(a, b)
     if is_traced(*jax.tree_util.tree_leaves(undifferentiated((a, b)))):
         raise TypeError(
@@ -181,7 +181,7 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
 
 
 def checked_weights(a: Any, weights: Any) -> Any:
-    """The weights of the points of a, (points,), finite, none negative and some positive; None where there are none."""
+    """Return the weights of the points of a, checked: finite, none negative, some positive; None for None."""
     if weights is None:
         return None
     if not is_points(a):
@@ -197,7 +197,7 @@ def checked_weights(a: Any, weights: Any) -> Any:
 
 
 def in_space(shape: Any) -> Any:
-    """A shape as searches take it, nothing of it traced; of the plane at height zero."""
+    """Return a shape as searches take it: nothing traced, and plane shapes at height zero."""
     shape = working(undifferentiated(shape))
     return curve_in_space(shape) if isinstance(shape, BezierSegments) else shape
 
@@ -210,14 +210,14 @@ def _distributed(
     maximum: HausdorffSolution,
     progress: Any,
 ) -> tuple[Distribution, Together, Bounds]:
-    """What is known in common coordinates, and the measure of a in the user's."""
+    """Return the distribution in common coordinates, the shapes in them, and the measure of a in the user's unit."""
     a, b = in_space(a), in_space(b)
     pair = together(a, b)
     frame, moved = pair.frame, pair.moved
     source = measured_in(a, pair.a, moved, _moderate(counts))
     target, size = target_in(b, pair.b)
     dtype = dtype_of(a)
-    # Less than this cannot be told: bounds err by some hundred roundings to both sides.
+    # Smaller gaps cannot be resolved: bounds err by some hundred roundings to both sides.
     floor = 8 * moved + _ROUNDINGS * float(np.finfo(dtype).eps) * (1 + size)
     atol = max(float(frame.common(np.asarray(asked.atol))), floor)
 
@@ -228,7 +228,7 @@ def _distributed(
     limits = most, allowed, asked.max_cells, _MAX_STEPS, asked.quantile
     search = DistributionSearch(source, target, dtype, *limits, heights_of(a, b, pair, target))
     listener = Listener(progress, frame, "mean")
-    # Who interrupted the search for the maximum waits for no other.
+    # After an interruption of the search for the maximum, no further search runs.
     listener.late = name_of(maximum.result) == "out_of_time"
     listener.interrupted = listener.late or name_of(maximum.result) == "interrupted"
     found = drive(search, listener)
@@ -243,16 +243,16 @@ def _distributed(
 
 
 def _moderate(counts: np.ndarray | None) -> np.ndarray | None:
-    """Weights of points times a power of two such that their sums and products neither overflow nor underflow.
+    """Scale weights by a power of two, so that their sums and products neither overflow nor underflow.
 
-    What is below the smallest number then is nothing beside the largest. Others keep their digits.
+    Weights that underflow are negligible compared with the largest weight. Others keep their digits.
     """
     power = 0 if counts is None else int(common_exponent(counts))
     return counts if counts is None or abs(power) <= _EXTREME else np.ldexp(counts, -power)
 
 
 def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
-    """Whether a shape has a proven length or area: large cells, that are far from all, may not show it."""
+    """Return whether a shape has a proven length or area. Large cells may not show it, so the largest are cut first."""
     cells, flat = known.cells, known.flat
     for _ in range(_LOOKS):
         if np.any(flat.lower > 0):
@@ -264,7 +264,7 @@ def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
 
 
 def measured_in(shape: Any, moved: Any, off: float, counts: np.ndarray | None) -> AbstractMeasured:
-    """A shape as cells with measures: its common coordinates, their error, and what each point counts."""
+    """Return a shape as cells with measures: from its common coordinates, their error, and the weights of points."""
     if is_points(shape):
         return MeasuredPoints(moved, off, counts)
     if isinstance(shape, TriangleMesh):
@@ -275,7 +275,7 @@ def measured_in(shape: Any, moved: Any, off: float, counts: np.ndarray | None) -
 def _in_units(
     a: Any, b: Any, maximum: HausdorffSolution, found: Distribution, pair: Together, measure: Bounds
 ) -> Deviation:
-    """What was found, in the user's coordinates."""
+    """Return the result of `deviation` in the user's coordinates."""
     frame, over, flat = pair.frame, found.cells.over, found.cells.flat
     ends = partial(_lengths, frame, pair.moved)
     mean, rms = (Bounds(*ends(*known)) for known in ((found.lower, found.upper), found.rms))
@@ -295,14 +295,14 @@ def _lengths(frame: Frame, moved: float, lower: Any, upper: Any) -> tuple[np.nda
 
 
 def _affine_lengths(frame: Frame, moved: float, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same of values of affine functions, of which lower ones may be negative."""
+    """Return `_lengths` of the values of affine functions; lower values may be negative."""
     lower, upper = _lengths(frame, moved, ends[..., 0], ends[..., 1])
     beyond = _lengths(frame, moved, 0.0, np.maximum(-ends[..., 0], 0.0))[1]
     return np.where(ends[..., 0] < moved, -beyond, lower), upper
 
 
 def _size(count: int, counts: np.ndarray | None) -> Bounds:
-    """The number of points, or the sum of what each counts: one float where it is one, else two neighbors."""
+    """Return bounds of the number of points or the sum of their weights: one float if exact, else two neighbors."""
     total = Fraction(count) if counts is None else exact_sum(counts)
     near = float_near(total, np.dtype(np.float64))
     low = np.nextafter(near, 0.0) if near > total else near
@@ -311,7 +311,7 @@ def _size(count: int, counts: np.ndarray | None) -> Bounds:
 
 
 def user_measure(frame: Frame, dimension: int, flat: FlatCells) -> Bounds:
-    """The length or area of all cells in the user's unit: a sum, which rounds once a cell."""
+    """Return bounds of the length or area of all cells in the user's unit."""
     lower, upper = float(np.sum(flat.lower)), float(np.sum(flat.upper))
     room = (len(flat.lower) + 16) * np.finfo(np.float64).eps
     power = dimension * int(frame.first + frame.second)

@@ -189,7 +189,7 @@ class Deviation(AbstractSolution):
 
 
 def check_share(name: str, q: float) -> None:
-    """Raises ValueError unless q is a fraction above 0 and at most 1."""
+    """Raise ValueError unless q is a fraction above 0 and at most 1."""
     if not _is_number(q) or not 0 < float(q) <= 1:
         raise ValueError(f"{name} is {q!r}; needs a number above 0 and at most 1.")
 

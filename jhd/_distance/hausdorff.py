@@ -180,7 +180,7 @@ def hausdorff_at_most(
             or not one number.
     """
     method = chosen_method(method, rtol, atol)
-    # It proves both bounds, and ends where they say enough.
+    # The default method proves both bounds, and ends as soon as they decide.
     check_serves(method, a, b, (BranchAndBound,))
     pair, limit = pair_of(a, b, method, limited(method, progress, max_seconds)), checked_limit(threshold)
     # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.

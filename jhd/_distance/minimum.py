@@ -31,7 +31,7 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.prepared import working
 from jhd.progress import Callback
 
-# From this many points on a set of them is searched by a tree, or thinned out before the search.
+# A set of at least this many points is searched by a tree, or thinned out before the search.
 _FEW = 256
 
 
@@ -182,7 +182,10 @@ def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callback | None)
 
 
 def _of_pieces(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
-    """By the searches over pairs of pieces, one way round for both orders of the shapes: it is the same program."""
+    """Return the minimum distance by searches over pairs of pieces.
+
+    Both orders of the shapes use one compiled function.
+    """
     if _order(a) > _order(b):
         return _turned(_of_pieces(b, a, method, progress))
     engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
@@ -190,7 +193,7 @@ def _of_pieces(a: Any, b: Any, method: BranchAndBound, progress: Callback | None
 
 
 def _order(shape: Any) -> tuple[int, ...]:
-    """The place of a shape's kind and sizes among those of others."""
+    """Return a sort key of a shape by its kind and sizes."""
     if isinstance(shape, ImplicitSurface):
         return (1,)
     net = net_of(shape)
@@ -202,7 +205,7 @@ def _turned(found: MinimumSolution) -> MinimumSolution:
 
 
 def _of_points(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
-    """Of known points: each by itself; among themselves and with meshes as a mesh of those that may be nearest."""
+    """Return the minimum distance of known points; from points and meshes it is a distance of meshes."""
     large = [is_points(shape) and shape.count > _FEW for shape in (a, b)]
     first = _thinned(a, b) if large[0] else a
     if not is_points(b) and not isinstance(b, TriangleMesh):
@@ -214,7 +217,7 @@ def _of_points(a: Any, b: Any, method: BranchAndBound, progress: Callback | None
 
 
 def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolution:
-    """The nearest of some points, each of which is projected."""
+    """Return the minimum distance of points from a shape, by projecting each point."""
     rows = points.control_points[:, 0]
     found = project(rows, shape, throw=False)
     lower, upper = (np.asarray(undifferentiated(x)) for x in (found.lower, found.upper))
@@ -222,7 +225,7 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
     size = diagonal_of(*undifferentiated((points, shape)))
     default = default_tolerance(size, lower.dtype, 0.0)
     allowed = max(float(default if method.atol is None else method.atol), float(method.rtol * upper[k]))
-    # Of those that may be nearer some may be proven less well than they could be.
+    # Some of the points that may be nearer may have wider bounds than they could have.
     ends = np.asarray(found.result._value)[lower <= upper[k]]
     closed = np.all(ends == int(RESULTS.successful._value)) or upper[k] - least <= allowed
     ended = RESULTS.gap_not_closed if np.isfinite(upper[k]) else RESULTS.existence_not_certified
@@ -235,7 +238,7 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
 
 
 def _thinned(points: Any, shape: Any) -> Any:
-    """The points that may be nearest to a shape; of a curve by its nearest points, each place once."""
+    """Return the points that may be nearest to a shape; for a curve by `project`, without duplicates."""
     if not isinstance(shape, AbstractCurve) or is_points(shape):
         return nearest_points(points, working(shape))
     rows = np.asarray(undifferentiated(points).control_points)[:, 0]

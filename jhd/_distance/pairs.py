@@ -1,6 +1,6 @@
 """Pairs of shapes of one kind, or of points and any kind: checked, prepared, measured in either direction, reported.
 
-Each kind of pair offers the same few operations, so that the entry points need not know the kinds. A pair measures in
+All kinds of pairs offer a few common operations, so that the entry points need not know the kinds. A pair measures in
 the coordinates of its search. Bounds passed from one direction to the other stay in these coordinates.
 """
 
@@ -57,7 +57,7 @@ Report = Callback | None
 class AbstractPair(ABC):
     """Two checked shapes and the method for them."""
 
-    # Leads from the coordinates of the search to the user's; None where these are the same.
+    # Leads from the coordinates of the search to the user's; None if they are equal.
     _frame: Any = None
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class AbstractPair(ABC):
         self._told: dict[bool, Any] = {}
 
     def length(self, value: Array, toward: float | None = None) -> Any:
-        """A length in the coordinates of the search."""
+        """Return a length in the coordinates of the search."""
         return value if self._frame is None else self._frame.common(value, toward)
 
     @abstractmethod
@@ -74,12 +74,15 @@ class AbstractPair(ABC):
 
         Args:
             turned: from b to a instead of from a to b.
-            level: nothing up to this length matters; None where everything does.
-            ceiling: nothing more matters above this length.
+            level: distances up to this length do not matter; None if all matter.
+            ceiling: the search may stop above this length.
         """
 
     def both(self, level: Any = None, ceiling: Any = None) -> tuple[HausdorffSolution, HausdorffSolution]:
-        """Both directions as they are measured; without a level only what exceeds the first matters of the second."""
+        """Measure both directions.
+
+        Without a level, the second one is measured only above the lower bound of the first.
+        """
         search = self.traced_search(level, ceiling)
         if search is not None:
             (there, self._told[False]), (back, self._told[True]) = in_turn(search, level, ceiling)
@@ -88,31 +91,31 @@ class AbstractPair(ABC):
         return there, self.measured(turned=True, level=there.lower if level is None else level, ceiling=ceiling)
 
     def traced_search(self, *numbers: Any) -> TracedSearch | None:
-        """Where shapes or numbers are traced: a search, and what of one form it takes for either direction.
+        """Return a search for traced shapes or numbers, with arguments of one form for both directions.
 
-        None where each direction is measured by itself.
+        Return None if each direction is measured separately.
         """
         return None
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """The solution in the unit of the shapes."""
+        """Return the solution in the unit of the shapes."""
         return solution if self._frame is None else reported(self._frame, solution)
 
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """A reported solution, its value with derivatives in both shapes."""
+        """Return a reported solution with a value differentiable in both shapes."""
         return solution
 
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-        """The Hausdorff distance of both directed ones, which are reported; with derivatives in both shapes."""
+        """Return the Hausdorff distance from both reported directions, differentiable in both shapes."""
         return larger(self.differentiable(there), self.differentiable(back))
 
     def finished(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """A measured solution as it is handed to the user."""
+        """Return a measured solution in the form returned to the user."""
         return self.differentiable(self.reported(solution))
 
 
 def pair_of(a: Any, b: Any, method: AbstractHausdorffMethod | None, progress: Report) -> AbstractPair:
-    """The pair of two shapes under a method; by default BranchAndBound().
+    """Return the pair of two shapes under a method; by default BranchAndBound().
 
     Raises:
         TypeError: shapes of different or unknown kinds, or a method that does not serve them.
@@ -127,7 +130,7 @@ def pair_of(a: Any, b: Any, method: AbstractHausdorffMethod | None, progress: Re
 
 
 class CurvePair(AbstractPair):
-    """Two curves in common coordinates, where nothing is differentiated."""
+    """Two curves in common coordinates, undifferentiated."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         super().__init__()
@@ -135,7 +138,7 @@ class CurvePair(AbstractPair):
         self._given = a.segments(), b.segments()
         p, q = self._given
         check_same_dim(p.dim, q.dim)
-        # The two-step method takes fewer samples of a segment where there are more of them.
+        # The two-step method takes fewer samples of a segment if there are more segments.
         sharing = isinstance(method, BranchAndBound)
         self._a, self._b, self._frame = prepare(*undifferentiated(self._given), sharing=sharing)
         self._listener = Listener(progress, self._frame)
@@ -145,7 +148,7 @@ class CurvePair(AbstractPair):
         a, b = (self._b, self._a) if turned else (self._a, self._b)
         aim = aim_at(level, ceiling, self._a.control_points.dtype)
         method, direction = self._method, _direction(turned)
-        # Inside jit all operations are traced, those on known numbers too.
+        # Inside jit all operations are traced, also on known numbers.
         if is_tracing(a, b, method, aim):
             found = by_kept_program(_curve, self._answers(), ((method, self._frame), (a, b), aim))
             solution, self._told[turned] = found
@@ -168,7 +171,7 @@ class CurvePair(AbstractPair):
         return TracedSearch(_curves, (method, frame), (a, b), (b, a), self._answers(2))
 
     def _answers(self, *batch: int) -> Any:
-        """Shapes and types of answers of the default method; None for others, which are traced."""
+        """Return shapes and types of answers of the default method; None for other methods, which are traced."""
         if not isinstance(self._method, BranchAndBound):
             return None
         dtype, dim = self._a.control_points.dtype, self._a.dim
@@ -184,7 +187,7 @@ class CurvePair(AbstractPair):
 
 
 class SurfacePair(AbstractPair):
-    """Two implicit surfaces in common coordinates, where nothing is differentiated."""
+    """Two implicit surfaces in common coordinates, undifferentiated."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         super().__init__()
@@ -250,7 +253,7 @@ class CubePair(AbstractPair):
 
     @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
-        """All of it is measured."""
+        """Measure the direction completely: level and ceiling are ignored."""
         cells = (self._second, self._first) if turned else (self._first, self._second)
         return self._method._measured(*cells, self._scale, _direction(turned))
 
@@ -259,7 +262,7 @@ class CubePair(AbstractPair):
         return larger_interval(there, back)
 
 
-# What serves at all, in the order in which it is named.
+# Methods that serve some pair, in the order in which messages name them.
 METHODS = BranchAndBound, TwoStep, BiarcTrimming, AlgebraicEvents, CubeIntervals
 # Two shapes of one of these kinds have an engine of their own; all others are mixed.
 _ENGINES: tuple[tuple[type, Callable[..., AbstractPair]], ...] = (
@@ -269,10 +272,10 @@ _ENGINES: tuple[tuple[type, Callable[..., AbstractPair]], ...] = (
 
 
 def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
-    """What measures two shapes under a method that serves them."""
+    """Return the class of pairs that measures two shapes under a method that serves them."""
     if isinstance(method, CubeIntervals):
         return CubePair
-    # Points among themselves are searched by trees where they are known, else as curves in one program.
+    # Known points among themselves are searched by trees; traced points as curves in one compiled function.
     if is_points(a) and is_points(b) and isinstance(method, BranchAndBound):
         return CurvePair if is_tracing(undifferentiated((a, b)), method) else MixedPair
     return next((pair for kind, pair in _ENGINES if isinstance(a, kind) and isinstance(b, kind)), MixedPair)
@@ -309,7 +312,7 @@ def _direction(turned: bool) -> Any:
 
 
 class _Targets(NamedTuple):
-    """Both surfaces with what searches start from, and which of them are proven to have no point."""
+    """Both surfaces as targets of a search, and which of them are proven to have no point."""
 
     a: Target
     b: Target
@@ -317,16 +320,16 @@ class _Targets(NamedTuple):
     empty_b: Array
 
     def pair(self) -> CoveredPair:
-        """The direction from a to b."""
+        """Return the direction from a to b."""
         return CoveredPair(self.a, self.b, self.empty_a | self.empty_b)
 
     def turned(self) -> CoveredPair:
-        """The direction from b to a."""
+        """Return the direction from b to a."""
         return CoveredPair(self.b, self.a, self.empty_a | self.empty_b)
 
 
 def _targets(a: ImplicitSurface, b: ImplicitSurface) -> tuple[_Targets, Frame]:
-    """Both surfaces in common coordinates, where nothing is differentiated, and the way back."""
+    """Return both surfaces in common coordinates, undifferentiated, and the frame that leads back."""
     p, q, frame = prepare_surfaces(*undifferentiated((a, b)))
     targets = _looked_at(p, q)
     for name, empty in (("a", targets.empty_a), ("b", targets.empty_b)):

@@ -39,7 +39,7 @@ from jhd._shapes.curve import BezierSegments
 def best_local(
     point: Array, curve: BezierSegments, local: Callable[[Array, Array | None, Array], tuple[Array, Array]]
 ) -> tuple[NearestOnCurve, Any]:
-    """The best of all ends and of one foot a segment by a local method that returns parameter and number of steps."""
+    """Return the best of all ends and of one foot a segment, by a local method that returns parameter and steps."""
     offsets = point - curve.control_points
     radius = jnp.max(jnp.abs(offsets), axis=(1, 2))
 
@@ -58,7 +58,7 @@ def best_local(
 
 
 def height(e: Array, w: Array | None, s: Array) -> Array:
-    """Squared distance at the parameter s, for offsets e = P - b and weights w."""
+    """Return the squared distance at the parameter s, for offsets e = P - b and weights w."""
     c = jet(e, w, s).point
     return c @ c
 
@@ -239,23 +239,23 @@ def _check_positive(name: str, value: float) -> None:
 
 
 def how_closed(found: NearestOnCurve) -> Any:
-    """The result of a search: whether its bounds are closed."""
+    """Return the result code of a search: whether its bounds are closed."""
     return result_where(found.closed, RESULTS.successful, RESULTS.many_nearest_points)
 
 
 def failed(result: Any) -> Array:
-    """Whether a result is a failure."""
+    """Return whether a result is a failure."""
     return result != RESULTS.successful
 
 
 def _nearest_of_roots(
     point: Array, curve: BezierSegments, roots: polynomial_systems.Roots, skip: Array
 ) -> tuple[NearestOnCurve, Any]:
-    """The nearest among the ends and the stationary parameters, searched within the boxes that hold these.
+    """Return the nearest point among the ends and the stationary parameters, searched in the boxes of the roots.
 
-    The boxes are cut out of their segments and handed to the search as segments of their own: where a multiple root or
-    an uneven parametrization leaves a wide box, it is narrowed by distances. Cutting out takes gamma(3 n + 4) of the
-    largest offset in each coordinate, a quotient included, and the bounds are moved by that much.
+    The boxes are cut out of their segments and handed to the search as segments of their own: if a multiple root or an
+    uneven parametrization leaves a wide box, distances narrow it. Cutting out takes gamma(3 n + 4) of the largest
+    offset in each coordinate, a quotient included, and the bounds are moved by that much.
     """
     offsets = point - curve.control_points
     best = best_end(offsets)

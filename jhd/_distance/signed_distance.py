@@ -80,7 +80,7 @@ def signed_distance(
     elif is_traced(fixed, still):
         inside = _wound(fixed.reshape(-1, 3), still)
     else:
-        # Points of which no distance is proven are decided one by one.
+        # Points without a proven distance are decided one by one.
         near = _flat(foot, fixed.ndim - 1) if method is None else None
         inside = is_inside(still, np.asarray(fixed).reshape(-1, 3), near)
     inside = jnp.asarray(inside).reshape(queries.shape[:-1])
@@ -88,7 +88,7 @@ def signed_distance(
 
 
 def _flat(found: Projection, axes: int) -> ClosestPoints:
-    """The same nearest points in one row, on the host."""
+    """Return the nearest points in one row, on the host."""
     fields = (found.distance, found.lower, found.upper, found.foot, found.segment, found.t)
     return ClosestPoints(*(np.asarray(x).reshape(-1, *x.shape[axes:]) for x in fields))
 
@@ -100,7 +100,7 @@ def _wound(points: Array, mesh: TriangleMesh) -> Array:
 
 
 def _beyond(points: Array, found: Projection, mesh: TriangleMesh, sign: str) -> np.ndarray:
-    """Whether each point is on the inner side of the normal at its foot.
+    """Return whether each point is on the inner side of the normal at its foot.
 
     Raises:
         TypeError: traced points or a traced mesh.

@@ -17,9 +17,9 @@ from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 
-# Share of the gap that the cells which are cut leave.
+# Fraction of the gap that the cells which are cut leave.
 _LEFT = 0.2
-# The default tolerance, as a share of the diagonal or of its square.
+# The default tolerance, as a fraction of the diagonal or of its square.
 _SHARE = 1e-12
 
 
@@ -103,7 +103,7 @@ def surface_area(
 
 
 def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bounds:
-    """Cells are cut until the sum of their measures is known to a tolerance."""
+    """Return bounds of the length or area of a shape, cutting cells until they meet a tolerance."""
     if is_traced(shape):
         raise TypeError("the shape is traced; its cells depend on its numbers, so these must be known.")
     given, relative = None if atol is None else real_array("atol", atol), real_array("rtol", rtol)

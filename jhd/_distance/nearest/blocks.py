@@ -26,14 +26,14 @@ from jhd._shapes.curve import BezierSegments
 _LONG = 512
 # Segments of a block, and queries of a group.
 _BLOCK, _GROUP = 64, 128
-# Segments that are searched at once: of a query's own, few suffice where segments are nearly straight.
+# Segments that are searched at once: of a query's own, few suffice if segments are nearly straight.
 _LISTED = 8
-# Blocks that are looked at for a guess; more are in reach only where very many segments are equally far.
+# Blocks that are looked at for a guess; more are in reach only if very many segments are equally far.
 _GUESSED = 64
 
 
 def is_long(curve: BezierSegments) -> bool:
-    """Whether a curve has so many segments that blocks pay."""
+    """Return whether a curve has enough segments for blocks to pay off."""
     return curve.count >= _LONG
 
 
@@ -44,11 +44,11 @@ class Blocks(NamedTuple):
         curve: the curve.
         segment: numbers of the segments as sorted, (blocks, segments).
         start: first points.
-        chord: vectors to the last ones, zero where they are too short to count.
+        chord: vectors to the last points; zero if they are too short to count.
         inverse: one over their squares, or zero.
         delta: bounds of how far the segments are from their chords, inf for repeated segments.
-        lower: corners of the boxes of the blocks.
-        upper: likewise.
+        lower: lower corners of the boxes of the blocks.
+        upper: upper corners of the boxes of the blocks.
     """
 
     curve: BezierSegments
@@ -62,7 +62,7 @@ class Blocks(NamedTuple):
 
 
 def blocks_of(curve: BezierSegments) -> Blocks:
-    """The blocks of a curve."""
+    """Return a curve in blocks."""
     points = curve.control_points
     low, high = jnp.min(points, axis=1), jnp.max(points, axis=1)
     order = jnp.argsort(places(0.5 * (low + high)))
@@ -75,7 +75,7 @@ def blocks_of(curve: BezierSegments) -> Blocks:
 
 
 def places(points: Array) -> Array:
-    """Places of points along a curve that fills their box: the bits of their coordinates in turn."""
+    """Return positions of points along a curve that fills their box: the interleaved bits of their coordinates."""
     integer = jnp.int64 if points.dtype == jnp.float64 else jnp.int32
     bits = (8 * jnp.dtype(integer).itemsize - 2) // points.shape[1]
     low = jnp.min(points, axis=0)
@@ -92,7 +92,7 @@ def places(points: Array) -> Array:
 
 
 def in_groups(function: Callable[[Array], Any], points: Array) -> Any:
-    """The results of a function of groups (queries, dim) for all points, which are sorted for it."""
+    """Apply a function of groups (queries, dim) to all points, sorted into groups."""
     count = points.shape[0]
     size = min(_GROUP, count)
     order = jnp.argsort(places(points))
@@ -103,13 +103,13 @@ def in_groups(function: Callable[[Array], Any], points: Array) -> Any:
 
 
 def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
-    """For each of the points in a group the segment of the nearest chord, and the parameter there; not proven."""
+    """Return for each point of a group the segment of the nearest chord and the parameter there; not proven."""
     integer = jnp.int64 if points.dtype == jnp.float64 else jnp.int32
 
     def look(k: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
         least, chosen = found
         squares = _to_chords(blocks, k, points)[0] + jnp.where(jnp.isinf(blocks.delta[k]), jnp.inf, 0.0)[:, None]
-        # The index takes the place of the last bits, so that one minimum finds both: argmin is slow on CPU.
+        # The index replaces the last bits, so that one minimum finds both: argmin is slow on CPU.
         number = jnp.arange(_BLOCK, dtype=integer)[:, None]
         key = jnp.min(jax.lax.bitcast_convert_type(squares, integer) & -_BLOCK | number, axis=0)
         square, index = jax.lax.bitcast_convert_type(key & -_BLOCK, points.dtype), key & (_BLOCK - 1)
@@ -124,7 +124,7 @@ def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
 
 
 class _GroupLook(NamedTuple):
-    """How far a group has looked at the segments: a few of each query's own, then those of block after block.
+    """Progress of a group: the segments searched, first a few for each query, then block after block.
 
     Args:
         found: the nearest points so far.
@@ -142,10 +142,10 @@ class _GroupLook(NamedTuple):
 
 
 def nearest_in_blocks(blocks: Blocks, points: Array) -> NearestOnCurve:
-    """Proven nearest points, as by `nearest` on all segments, to the points of a group.
+    """Return proven nearest points for the points of a group, as `nearest` does on all segments.
 
     Each query searches the few segments with the smallest lower bounds. If others are in its reach, the whole group
-    looks at block after block, as many segments at once.
+    searches block after block.
     """
     lower, listed, rest, reach = _listed(blocks, points, _LISTED)
     curve, parts = blocks.curve, _BLOCK // _LISTED
@@ -167,7 +167,7 @@ def nearest_in_blocks(blocks: Blocks, points: Array) -> NearestOnCurve:
             jax.lax.dynamic_slice_in_dim(x, part * _LISTED, _LISTED, -1) for x in (bounds, blocks.segment[block])
         )
         low, segments = jnp.where(first, lower, low), jnp.where(first, listed, segments)
-        # Those passed over are at least as far as the bound that they are passed over for.
+        # Segments that are passed over are at least as far as the bound that excludes them.
         skip = low > jnp.minimum(reach, state.found.upper)[:, None]
         weights = None if curve.weights is None else curve.weights[segments]
         control_points = curve.control_points[segments]
@@ -187,14 +187,14 @@ def nearest_in_blocks(blocks: Blocks, points: Array) -> NearestOnCurve:
 
 
 def _nearer(old: NearestOnCurve, new: NearestOnCurve) -> NearestOnCurve:
-    """The nearer one of two for each query; closed where both are."""
+    """Return the nearer one of two results for each query; closed if both results are closed."""
     better = new.upper < old.upper
     found = jax.tree_util.tree_map(lambda x, y: jnp.where(better, x, y), new, old)
     return eqx.tree_at(lambda n: (n.closed, n.steps), found, (old.closed & new.closed, old.steps + new.steps))
 
 
 def _listed(blocks: Blocks, points: Array, most: int) -> tuple[Array, Array, Array, Array]:
-    """For each of the points of a group the segments with the smallest lower bounds, and what is known of the others.
+    """Return the segments with the smallest lower bounds for each point of a group, and bounds for all other segments.
 
     Returns:
         Lower bounds (queries, listed) of the distances to the listed segments; these segments; a lower bound of the
@@ -230,10 +230,10 @@ def _nearest_first(
     start: Any,
     most: int | None = None,
 ) -> tuple[Array, Any]:
-    """Looks at the blocks from the nearest on while their lower bounds are not above the worst of the points.
+    """Look at blocks from the nearest on, while their lower bounds are not above the worst bound of the points.
 
     Returns:
-        A lower bound of the distance to all segments of the blocks not looked at, and what was found.
+        A lower bound of the distance to all segments of the blocks not looked at, and the last result of `look`.
     """
     lower = _gaps(blocks, points)
     most = lower.size if most is None else most
@@ -253,14 +253,14 @@ def _nearest_first(
 
 
 def _gaps(blocks: Blocks, points: Array) -> Array:
-    """Lower bounds of the distances of all points of a group to each block."""
+    """Return lower bounds of the distances of all points of a group to each block."""
     low, high = jnp.min(points, axis=0), jnp.max(points, axis=0)
     gaps = jnp.maximum(jnp.maximum(blocks.lower - high, low - blocks.upper), 0.0)
     return jnp.sqrt(jnp.sum(gaps * gaps, axis=1)) - chord_error(points.shape[1], points.dtype)
 
 
 def _to_chords(blocks: Blocks, k: Array, points: Array) -> tuple[Array, Array]:
-    """Squared distances of the points from the chords of a block, and from their starts: (segments, points)."""
+    """Return squared distances (segments, points) from the chords of a block, and from their starts."""
     start, chord, inverse = blocks.start[k], blocks.chord[k], blocks.inverse[k][:, None]
     # Component by component, so that the long axis is the last.
     d = [x - s[:, None] for x, s in zip(points.T, start.T, strict=True)]
@@ -271,5 +271,5 @@ def _to_chords(blocks: Blocks, k: Array, points: Array) -> tuple[Array, Array]:
 
 
 def _down(x: Array) -> Array:
-    """Not above, in single precision, in which the few smallest of many lengths are found much faster on CPU."""
+    """Round down to single precision, in which the few smallest of many lengths are found much faster on CPU."""
     return jnp.maximum(x, 0.0).astype(jnp.float32) * np.float32(1 - 2.0**-22) - np.float32(2.0**-100)

@@ -26,11 +26,11 @@ from jhd._shapes.curve import BezierSegments
 
 
 class Chords(NamedTuple):
-    """Chords with leading axes, and how far from each of them the curve is that it stands for.
+    """Chords with leading axes, and bounds of the distance of each from its part of the curve.
 
     Args:
         start: first points.
-        chord: vectors to the last ones, zero if they are too short to count.
+        chord: vectors to the last points; zero if they are too short to count.
         inverse: one over their squares, or zero.
         delta: bounds of the distances of all control points from their chord.
     """
@@ -42,7 +42,7 @@ class Chords(NamedTuple):
 
 
 def chords_between(start: Array, end: Array, points: Array) -> Chords:
-    """The chords from starts to ends (rows, dim), and the distances of points (rows, points, dim) from them."""
+    """Return the chords from starts to ends (rows, dim); `delta` covers the points (rows, points, dim)."""
     dtype, chord = start.dtype, end - start
     square = jnp.sum(chord * chord, axis=-1)
     counts = square > float(jnp.finfo(dtype).eps) ** 4
@@ -54,7 +54,7 @@ def chords_between(start: Array, end: Array, points: Array) -> Chords:
 
 
 def runs_of(curve: BezierSegments) -> Chords:
-    """For each segment of a curve the chord of the run that it belongs to; delta is inf for runs of one segment.
+    """Return for each segment of a curve the chord of its run; delta is inf for runs of one segment.
 
     Two consecutive segments belong to one run if they are joined and their chords turn by no more than rounding. A
     curved segment in a run makes its delta large, and the bound true and useless.
@@ -76,12 +76,12 @@ def runs_of(curve: BezierSegments) -> Chords:
 
 
 def square_and_parameter(point: Array, start: Array, chord: Array, inverse: Array) -> tuple[Array, Array]:
-    """Squared distance of a point from a chord, and the parameter of the nearest point of the chord."""
+    """Return the squared distance of a point from a chord, and the parameter of the nearest point."""
     d = point - start
     t = jnp.clip(jnp.sum(d * chord) * inverse, 0.0, 1.0)
     return jnp.sum((d - t * chord) ** 2), t
 
 
 def chord_error(dim: int, dtype: DTypeLike) -> float:
-    """Bound of the rounding of the root of such a square."""
+    """Bound the rounding of the root of a squared distance from a chord."""
     return 4 * math.sqrt(dim) * gamma(40, dtype)

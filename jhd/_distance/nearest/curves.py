@@ -17,7 +17,7 @@ rounding.gamma(k), q for the degree, d for the dimension.
    distance <= |n| / w (1 + g(3 q + d + 6)) + eta.
 Flushed subnormals add at most a few smallest normal numbers a step, 40 (q + 2) nu in all where lengths are added, and
 the same under the root where squares are, on rational curves divided by the smallest weight and its square. The callers
-scale by a power of two and the ratio of weights is limited where curves are made, so these do not show.
+scale by a power of two, and constructors of curves limit the ratio of weights, so these do not show.
 
 Source: the hull bound and its quadratic convergence are in Farouki & Rajan, CAGD 5 (1988); the cut at the foot is ours.
 """
@@ -40,25 +40,25 @@ from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import Piece
 from jhd._runtime.arrays import varying
 
-# Open cells beside the whole segments. A search holds a handful; symmetric and degenerate input up to about twenty.
+# Open cells without the whole segments. A search holds a handful; symmetric and degenerate input up to about twenty.
 _CAPACITY = 32
-# Cuts for one point, beside one for each segment. Random queries take 1 to 6; a point at the center of a nearly
+# Cuts for one point, in addition to one for each segment. Random queries take 1 to 6; a point at the center of a nearly
 # circular stretch some 60.
 _MAX_STEPS = 400
 # Newton steps for a local foot; it is started at the smallest coefficient, so three reach full precision mostly.
 _NEWTON_STEPS = 4
-# A foot closer than this share of the cell to an end does not serve as a cut; the cut is then at _ZOOM from that end.
+# A foot closer to an end than this fraction of the cell does not serve as a cut; the cut is then _ZOOM from that end.
 _NEAR_END = 0.01
 _ZOOM = 0.125
 # Cells are closed a little below the tolerance, so that rounding of the comparison cannot exceed it.
 _CLOSE = 0.99
-# Cells that cannot be cut again are closed at so many times the tolerance: in single precision, of 18,000 queries of
-# curves with even weights, five stay open at once the tolerance and none at eight times.
+# Cells that cannot be cut again are closed at this multiple of the tolerance. In single precision, of 18,000 queries of
+# curves with even weights, five stay open at one tolerance and none at eight.
 _SETTLED = 8
 
 
 class NearestOnCurve(eqx.Module):
-    """Bounds of the distance from a point to a curve and the foot that attains the upper one."""
+    """Bounds of the distance from a point to a curve, and the foot that attains the upper bound."""
 
     distance: Float[Array, ""]
     lower: Float[Array, ""]
@@ -70,10 +70,10 @@ class NearestOnCurve(eqx.Module):
 
 
 class _SegmentCell(eqx.Module):
-    """Parts of segments: one array of numbers for each, or for all of them, is quicker to compile than one of each."""
+    """Parts of segments. One array for several numbers compiles faster than one for each."""
 
     segment: Array
-    numbers: Array  # (..., 4): lower bound, the ends of the part, and where to start the search of a foot
+    numbers: Array  # (..., 4): lower bound, the ends of the part, and the start for the search of a foot
 
     @property
     def lower(self) -> Array:
@@ -97,13 +97,13 @@ def nearest(
     tolerance: Float[Array, ""] | float = 0.0,
     skip: Bool[Array, " segments"] | None = None,
 ) -> NearestOnCurve:
-    """Proven nearest point of all segments to one point.
+    """Return the proven nearest point of all segments to one point.
 
     Args:
         point: the query.
         control_points: the segments, scaled so that squares neither overflow nor vanish.
         weights: positive, or None.
-        tolerance: the search stops at upper - lower <= tolerance, and at eight times the rounding error at the least.
+        tolerance: the search stops at upper - lower <= tolerance, or at eight times the rounding error if larger.
         skip: segments that repeat others and need no search; see `repeated`.
     """
     count = control_points.shape[0]
@@ -147,7 +147,7 @@ def nearest(
 
     state = jax.lax.while_loop(unfinished, step, varying(state, offsets, weights, tolerance))
     lower = jnp.minimum(jnp.minimum(_open_lower(state), state.settled), state.best.upper)
-    # Cells of a few ulp are settled with the bounds they have, which are wide where weights are very uneven.
+    # Cells of a few ulp are settled with the bounds they have, which are wide if weights are very uneven.
     closed = (lower >= state.best.upper - _SETTLED * tolerance) & ~state.overflowed
     closed &= _open_lower(state) >= state.best.upper - tolerance
     return eqx.tree_at(
@@ -156,18 +156,18 @@ def nearest(
 
 
 def segment_bounds(point: Array, control_points: Array, weights: Array | None) -> tuple[Array, Array]:
-    """Lower bounds of the distance from the point to each whole segment, and the parameters of their coefficients."""
+    """Return lower bounds of the distances to whole segments, and the parameters of their smallest coefficients."""
     offsets = point - control_points
     return jax.vmap(cell_bound)(*_homogeneous(offsets, weights), jnp.max(jnp.abs(offsets), axis=(1, 2)))
 
 
 def _resolution(degree: int, dim: int, size: Array) -> Array:
-    """Eight times the rounding error of a distance at offsets of this size: closer than that no search gets."""
+    """Return the smallest gap of a search, eight times the rounding error of a distance for offsets of this size."""
     return 8 * (math.sqrt(dim) * gamma(3 * degree + 8, size.dtype) * size + _flushed(degree, size.dtype))
 
 
 def in_chunks(function: Callable[[Any], Any], rows: Any, chunk: int) -> Any:
-    """The function of every row (first axis of all leaves), `chunk` of them side by side.
+    """Apply the function to every row (first axis of all leaves), in batches of `chunk` rows.
 
     Rows are repeated up to whole chunks: a remainder would be compiled a second time.
     """
@@ -180,7 +180,7 @@ def in_chunks(function: Callable[[Any], Any], rows: Any, chunk: int) -> Any:
 
 
 def repeated(control_points: Array, weights: Array | None) -> Bool[Array, " segments"]:
-    """Which segments are the same numbers as the one before: what padding adds."""
+    """Return a mask of the segments that equal the segment before them, as padding does."""
     same = jnp.all(control_points[1:] == control_points[:-1], axis=(1, 2))
     if weights is not None:
         same &= jnp.all(weights[1:] == weights[:-1], axis=1)
@@ -197,7 +197,7 @@ def _homogeneous(offsets: Array, weights: Array | None) -> tuple[Array, Array | 
 
 @jax.jit
 def cell_bound(n: Array, w: Array | None, radius: Array) -> tuple[Array, Array]:
-    """Lower bound of the distance over one cell, and the local parameter of its smallest coefficient."""
+    """Return a lower bound of the distance over one cell, and the local parameter of its smallest coefficient."""
     q, dim, dtype = n.shape[0] - 1, n.shape[1], n.dtype
     squares = bernstein.dot(n, n)
     rho_sq = jnp.sum(n * n, axis=-1)
@@ -221,7 +221,7 @@ def _flushed(degree: int, dtype: DTypeLike) -> float:
 
 
 def length_bound(vector: Array, degree: int, radius: Array) -> tuple[Array, Array]:
-    """Length of the computed vector from a point of the curve to the query, and a bound of the true distance."""
+    """Return the length of the computed vector from a curve point to the query, and a bound of the true distance."""
     dim = vector.shape[-1]
     # Scaled by the largest component: squares of tiny vectors would be flushed.
     largest = jnp.max(jnp.abs(vector), axis=-1)
@@ -231,7 +231,7 @@ def length_bound(vector: Array, degree: int, radius: Array) -> tuple[Array, Arra
 
 
 def best_end(offsets: Array) -> NearestOnCurve:
-    """The nearest of all segment ends: there the offset is rounded once and nothing is evaluated."""
+    """Return the nearest of all segment ends. Only the offset is rounded, once."""
     ends = offsets[:, jnp.array([0, -1])]
     distance, upper = length_bound(ends, 0, jnp.max(jnp.abs(ends), axis=-1))
     index = jnp.argmin(upper)
@@ -248,7 +248,7 @@ def best_end(offsets: Array) -> NearestOnCurve:
 
 
 def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tolerance: Array) -> _CurveQuery:
-    """Improves the foot inside the cell, cuts there, and keeps the halves that may still hold a nearer point."""
+    """Improve the foot inside the cell, cut there, and keep the halves that may hold a nearer point."""
     degree, radius = e.shape[0] - 1, jnp.max(jnp.abs(e))
     least, low, high, start = cell.numbers
     foot = foot_in(0.0, Piece(e, w), start, _NEWTON_STEPS, low, high)
@@ -279,7 +279,7 @@ def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tole
     lower = halves[:, 0]
     # A cell of a few ulp cannot be cut again. Near zero they are smaller, which uneven weights need.
     keep = (lower < best.upper - _CLOSE * tolerance) & (ends[1:] - ends[:-1] > 8 * jnp.finfo(e.dtype).eps * ends[1:])
-    # The first free slot is the first half's, or the second one's where that is not kept.
+    # The first half goes to the first free slot; so does the second half if the first is not kept.
     rows, free = jnp.arange(_CAPACITY), jnp.isinf(state.cells.lower)
     first = jnp.argmax(free)
     second = jnp.where(keep[0], jnp.argmax(free & (rows != first)), first)

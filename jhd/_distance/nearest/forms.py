@@ -1,7 +1,7 @@
-"""Polynomials on boxes in Bernstein form, and proven lower bounds of distances to an implicit surface there.
+"""Polynomials on boxes in Bernstein form, and proven lower bounds of distances to an implicit surface in a box.
 
 For a point p and a box C, the smallest Bernstein coefficient of |q - p|^2 - lambda f_b(q) over C bounds the squared
-distance of p from the part of b in C, for every real lambda; those tried make its gradient vanish as far as they can.
+distance of p from the part of b in C, for every real lambda; the values tried make its gradient as small as possible.
 
 Rounding. The terms of a form are off by at most `error` = gamma(7 N + 40) m + e(r), with N the sum of degrees, m the
 size sum |a_ijk| r^(i, j, k) of the polynomial on the cell, r = |c| + h, and e the errors of its coefficients
@@ -44,7 +44,7 @@ class Boxes(NamedTuple):
 class Form(NamedTuple):
     """A polynomial on cells: its power form in e = (x - center) / half, its Bernstein coefficients, and their error.
 
-    What is cleared is known to have no zero, whatever the coefficients say.
+    A cleared cell is known to have no zero, whatever the coefficients say.
     """
 
     local: Float[Array, "i j k cells"]
@@ -64,7 +64,7 @@ class Form(NamedTuple):
 
     @property
     def rest(self) -> Array:
-        """Sum of the sizes of the terms of degree two and more, rounded up: as many roundings as there are terms."""
+        """Sum of the sizes of all terms of degree two and more, rounded up."""
         terms = jnp.abs(self.local.reshape(-1, self.local.shape[-1]))
         sizes = jnp.sum(terms, axis=0)
         rest = jnp.maximum(sizes - jnp.abs(self.value) - jnp.sum(jnp.abs(self.slope), axis=0), 0.0)
@@ -78,7 +78,7 @@ class Form(NamedTuple):
 
 
 def boxes(lower: Float[Array, "3 cells"], upper: Float[Array, "3 cells"]) -> Boxes:
-    """Centers and half widths of cells; the half widths are rounded up."""
+    """Return centers and half widths of cells; the half widths are rounded up."""
     center = 0.5 * (lower + upper)
     half = jnp.maximum(center - lower, upper - center)
     half = half * (1 + 4 * unit_roundoff(half.dtype)) + smallest_normal(half.dtype)
@@ -86,11 +86,11 @@ def boxes(lower: Float[Array, "3 cells"], upper: Float[Array, "3 cells"]) -> Box
 
 
 def form(side: Side, cells: Boxes) -> Form:
-    """The polynomial of a side on cells."""
+    """Return the polynomial of a side on cells."""
     a = jnp.asarray(side.coefficients)
     whole = jnp.broadcast_to(a[..., None], (*a.shape, cells.center.shape[-1]))
 
-    # One axis after the other, the first of them each time, which compiles three times as fast as all of them.
+    # One axis after the other, always the first: this compiles three times as fast as all axes at once.
     def about(axis: Array, x: Array) -> Array:
         return jnp.moveaxis(_shifted(x, cells.center[axis], cells.half[axis]), 0, 2)
 
@@ -103,7 +103,7 @@ def form(side: Side, cells: Boxes) -> Form:
 
 
 def signed_values(side: Side, points: Float[Array, "3 points"]) -> tuple[Array, Array]:
-    """Values of the polynomial at points, and bounds of their errors: gamma(6 N) m + e for Horner's rule."""
+    """Return values of the polynomial at points, and error bounds: gamma(6 N) m + e for Horner's rule."""
     a = jnp.asarray(side.coefficients)
     sizes = gamma(6 * _degrees(a) + 8, a.dtype) * jnp.abs(a) + side.error
     return horner(a, points), horner(sizes, jnp.abs(points)) + underflow(a.dtype)
@@ -112,13 +112,13 @@ def signed_values(side: Side, points: Float[Array, "3 points"]) -> tuple[Array, 
 def lower_bounds(
     form_b: Form, cells: Boxes, point: Float[Array, "3"], free: Bool[Array, "3 cells"]
 ) -> Float[Array, " cells"]:
-    """Lower bounds of the distance of a point to the part of b in cells.
+    """Return lower bounds of the distance of a point to the part of b in cells.
 
     Args:
         form_b: the polynomial of b on the cells.
         cells: the cells.
         point: the point, exact.
-        free: the coordinates in which a cell does not touch the box of b.
+        free: mask of the coordinates in which a cell does not touch the box of b.
     """
     apart = cells.center - point[:, None]
     factors = multiples(2 * apart * cells.half, form_b.slope, free)
@@ -134,7 +134,7 @@ def lower_bounds(
 
 
 def slope_changes(f: Form) -> Float[Array, "3 cells"]:
-    """Bounds of what the terms of degree two and more change the slopes by, times the half widths."""
+    """Bound the change of the slopes by terms of degree two and more, times the half widths."""
     sizes = jnp.abs(f.local)
     powers = np.indices(sizes.shape[:3]).astype(sizes.dtype)
     for axis in range(3):
@@ -143,7 +143,7 @@ def slope_changes(f: Form) -> Float[Array, "3 cells"]:
 
 
 def box_distances(cells: Boxes, point: Array) -> tuple[Array, Array]:
-    """Bounds of the distances from a point, or from one point for each cell, to the points of cells: least and most."""
+    """Return the least and the largest distance from a point, or one point for each cell, to the points of cells."""
     apart = jnp.abs(cells.center - (point[:, None] if point.ndim == 1 else point))
     near, far = jnp.maximum(apart - cells.half, 0.0), apart + cells.half
     slack = gamma(12, apart.dtype) * jnp.sqrt(jnp.sum(far**2, axis=0)) + smallest_normal(apart.dtype) ** 0.5
@@ -154,7 +154,7 @@ def box_distances(cells: Boxes, point: Array) -> tuple[Array, Array]:
 def multiples(
     pull: Float[Array, "3 cells"], slope: Float[Array, "3 cells"], free: Bool[Array, "3 cells"]
 ) -> Float[Array, "trials cells"]:
-    """Factors that leave little of pull - factor slope: none in one coordinate, or the least of all or free ones."""
+    """Return factors for which pull - factor slope is zero in one coordinate, or least in all or in the free ones."""
     part = jnp.where(free, slope, 0.0)
     whole, some = (jnp.sum(pull * x, axis=0) / positive(jnp.sum(x**2, axis=0)) for x in (slope, part))
     single = pull / jnp.where(slope != 0, slope, jnp.inf)
@@ -162,7 +162,7 @@ def multiples(
 
 
 def squares(points: Float[Array, "sets 3 cells"], cells: Boxes, size: int) -> Array:
-    """Bernstein coefficients (sets, terms, cells) of |x - point|^2."""
+    """Return the Bernstein coefficients (sets, terms, cells) of |x - point|^2."""
     first, second = (jnp.asarray(bernstein_conversion(size - 1)[:, k], points.dtype)[:, None] for k in (1, 2))
     apart = cells.center - points
     h = cells.half
@@ -174,7 +174,7 @@ def squares(points: Float[Array, "sets 3 cells"], cells: Boxes, size: int) -> Ar
 
 
 def _shifted(form: Array, center: Array, half: Array) -> Array:
-    """The coefficients in e of x = center + half e for the first variable, by synthetic division."""
+    """Return the coefficients in e of x = center + half e for the first variable, by synthetic division."""
     rows = list(form)
     n = len(rows) - 1
     for first in range(n):
@@ -192,15 +192,15 @@ def _degrees(a: Array) -> int:
 
 
 def underflow(dtype: np.dtype) -> float:
-    """More than what underflow takes from any value, where coordinates and coefficients are at most one."""
+    """Bound the underflow error of any value, if coordinates and coefficients are at most one."""
     return 2.0**-900 if np.dtype(dtype) == np.float64 else 2.0**-110
 
 
 def positive(x: Array) -> Array:
-    """The numbers, infinity for those that are not above zero: a divisor."""
+    """Return the numbers as divisors: infinity replaces each number that is not positive."""
     return jnp.where(x > 0, x, jnp.inf)
 
 
 def finite_or_zero(x: Array) -> Array:
-    """The numbers, zero for those that are not finite."""
+    """Return the numbers, with zero for each number that is not finite."""
     return jnp.where(jnp.isfinite(x), x, 0.0)

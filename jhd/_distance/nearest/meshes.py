@@ -28,15 +28,15 @@ _POINTS, _TRIANGLES = 128, 512
 
 
 class AbstractMeshSearch(eqx.Module):
-    """How the nearest points of a mesh are found where that is not the exact search; fields are options."""
+    """Search for the nearest points of a mesh other than the exact one; its fields are options."""
 
     @abstractmethod
     def _search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
-        """The points found for queries (points, 3), all numbers known."""
+        """Return the points found for queries (points, 3), all numbers known."""
 
 
 def nearest_on_mesh(queries: Array, mesh: TriangleMesh, method: object = None) -> Projection:
-    """Nearest points of a mesh, as constants; see jhd.project.
+    """Return the nearest points of a mesh, as constants; see jhd.project.
 
     Args:
         queries: (..., 3), as `checked_points` gives them.
@@ -63,7 +63,7 @@ def nearest_on_mesh(queries: Array, mesh: TriangleMesh, method: object = None) -
 
 
 def checked_points(points: Numbers) -> Array:
-    """The points as an array (..., 3).
+    """Return the points as an array (..., 3).
 
     Raises:
         TypeError: not real numbers.
@@ -86,6 +86,7 @@ def _known(found: ClosestPoints, mesh: TriangleMesh) -> Projection:
 
 
 def _traced(points: Array, mesh: TriangleMesh) -> Projection:
+    """Return the nearest points under tracing: every point is compared with every triangle."""
     good, corners = jnp.all(jnp.isfinite(points), axis=-1), mesh.corners
     if is_traced(mesh):
         good = good & jnp.all(jnp.isfinite(corners))
@@ -119,7 +120,7 @@ def _traced(points: Array, mesh: TriangleMesh) -> Projection:
 
 
 def _all_pairs(points: Array, table: Array) -> tuple[Array, Array]:
-    """Least squared distances over all rows of the table, and the first row that has each."""
+    """Return the least squared distances over all rows of the table, and the first row that attains each."""
     blocks = _blocks(table, _TRIANGLES)
     starts = jnp.arange(blocks.shape[0]) * blocks.shape[1]
 
@@ -141,7 +142,7 @@ def _all_pairs(points: Array, table: Array) -> tuple[Array, Array]:
 
 
 def _blocks(rows: Array, most: int) -> Array:
-    """The rows in blocks of equal length, the last one repeated where they do not fill the last block."""
+    """Return the rows in blocks of equal length; the last row is repeated to fill the last block."""
     count = rows.shape[0]
     size = min(most, count)
     index = np.minimum(np.arange(-(-count // size) * size), count - 1)

@@ -1,4 +1,4 @@
-"""A curve as the target of a search: starts for the search of a foot, and proven nearest points.
+"""A curve as the target of a search: start parameters for the search of a foot, and proven nearest points.
 
 Samples of a short curve are compared all at once; a long one is looked at in blocks (jhd._distance.nearest.blocks).
 """
@@ -19,9 +19,9 @@ from jhd._shapes.curve import BezierSegments
 
 # Samples of each segment for the first feet.
 _SEEDS = 4
-# Points whose nearest samples are looked for side by side.
+# Points whose nearest samples are searched in one batch.
 _SIDE_BY_SIDE = 256
-# Fewer segments close without bounds by straight runs, and their programs compile sooner.
+# Fewer segments close without bounds by straight runs, and compile sooner.
 _RUNS_FROM = 16
 
 
@@ -34,11 +34,11 @@ class _NearSamples(NamedTuple):
 
 
 class NearCurve(NamedTuple):
-    """A curve in common coordinates with what finds feet on it.
+    """A curve in common coordinates with the data for finding feet on it.
 
     Args:
         curve: the curve.
-        skip: its segments that repeat the one before them.
+        skip: mask of the segments that repeat their predecessor.
         guide: samples of a short curve, blocks of a long one.
         runs: for each segment the chord of the straight run that it belongs to; None if there are few segments.
     """
@@ -49,7 +49,7 @@ class NearCurve(NamedTuple):
     runs: Chords | None
 
     def starts(self, points: Array) -> CurvePlace:
-        """Where to start the search of a foot for each of the points (..., dim): near the nearest, not proven."""
+        """Return start parameters for the search of a foot of each point (..., dim): near the nearest, not proven."""
         guide = self.guide
         if isinstance(guide, _NearSamples):
             index = _nearest_sample(guide, points)
@@ -61,7 +61,7 @@ class NearCurve(NamedTuple):
         return CurvePlace(*(x.reshape(points.shape[:-1]) for x in found))
 
     def nearest(self, point: Array, tolerance: ArrayLike = 0.0) -> NearestOnCurve:
-        """The proven nearest point."""
+        """Return the proven nearest point."""
         if isinstance(self.guide, _NearSamples):
             return nearest(point, self.curve.control_points, self.curve.weights, jnp.asarray(tolerance), self.skip)
         return jax.tree_util.tree_map(lambda x: x[0], nearest_in_blocks(self.guide, point[None]))
@@ -75,7 +75,7 @@ def near_curve(curve: BezierSegments, long: bool, seeds: int = 0) -> NearCurve:
 
 
 def _samples(b: BezierSegments, seeds: int) -> _NearSamples:
-    """Samples of b; the nearest of them starts the search of a foot."""
+    """Return samples of b; the nearest sample starts the search of a foot."""
     samples = jnp.linspace(0.0, 1.0, seeds + 1, dtype=b.control_points.dtype)
     points = jax.vmap(lambda k: jax.vmap(lambda s: jet(*piece_of(b, k), s).point)(samples))(jnp.arange(b.count))
     segment = jnp.repeat(jnp.arange(b.count), samples.size)
@@ -83,10 +83,10 @@ def _samples(b: BezierSegments, seeds: int) -> _NearSamples:
 
 
 def _nearest_sample(samples: _NearSamples, points: Array) -> Array:
-    """Index of the nearest sample of each of the points (..., dim).
+    """Return the index of the nearest sample for each of the points (..., dim).
 
-    Only a guess hangs on it, so the index takes the place of the last bits of the squared distance, and one minimum of
-    integers over the leading axis finds both: argmin costs thirty times as much on CPU.
+    The result is only a guess, so the index replaces the last bits of the squared distance. One minimum of integers
+    over the leading axis finds both: argmin costs thirty times as much on CPU.
     """
     rows = points.reshape(-1, points.shape[-1])
     count, integer = samples.points.shape[0], jnp.int64 if points.dtype == jnp.float64 else jnp.int32

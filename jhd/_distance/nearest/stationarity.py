@@ -11,13 +11,13 @@ from jhd._shapes.homogeneous import wronskian
 
 
 def roots_on(point: Array, curve: BezierSegments, segment: Array, capacity: int) -> polynomial_systems.Roots:
-    """Enclosures of the roots of (P - B).B' on one segment."""
+    """Return enclosures of the roots of (P - B).B' on one segment."""
     coefficients, error = stationarity(point, *piece_of(curve, segment))
     return polynomial_systems.solve(coefficients[None], error[None], capacity=capacity)
 
 
 def stationarity(point: Array, control_points: Array, weights: Array | None) -> tuple[Array, Array]:
-    """Bernstein coefficients of (P - B).B', times w^3 on rational segments, and a bound of their absolute error.
+    """Return Bernstein coefficients of (P - B).B', times w^3 on rational segments, and a bound of their error.
 
     With e = P - b and h the control points of the hodograph (or of x'w - xw'), each coefficient is a sum of products
     e_i.h_j with weights c_ij that are non-negative and sum to one. Rounding: e, h and the product table err by a few

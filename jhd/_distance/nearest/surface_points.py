@@ -1,9 +1,9 @@
-"""Points of implicit surfaces in boxes, for many at once: near a place, nearest to a point, and their proof.
+"""Points of implicit surfaces in boxes, many at once: near a location, nearest to a point, and their proof.
 
-Points and feet are found by a few steps of Newton's method within the box. No proof depends on them: a point is
-proven if the polynomial has two signs on a short segment of the closed box about it, or if it lies on a face, an
-edge or a corner on which the polynomial is known to be zero. In floating point the signs are those of enclosures, which
-err by far more than an ulp of the point; in integers they are exact.
+Points and feet are found by a few steps of Newton's method within the box. No proof depends on them: a point is proven
+if the polynomial has two signs on a short segment of the closed box about it, or if it lies on a face, an edge or a
+corner on which the polynomial is known to be zero. In floating point, enclosures give the signs, and err by far more
+than an ulp of the point; in integers the signs are exact.
 """
 
 import math
@@ -26,9 +26,9 @@ from jhd._distance.normalization.surfaces import Side, exact_polynomial
 from jhd._runtime.arrays import varying
 from jhd._shapes.implicit import ImplicitSurface
 
-# The longest step, as a share of the box, and how far from singular the system of a foot has to be.
+# The longest step, as a fraction of the box, and how far from singular the system of a foot has to be.
 _LONGEST, _DEFINITE = 0.3, 0.1
-# From this second derivative of half the squared distance on, a direction is one along which it grows.
+# The distance grows along a direction if this second derivative of half the squared distance is exceeded.
 _GROWS = 0.5
 # A direction within a face serves unless the gradient is this much longer.
 _TANGENT = 0.1
@@ -37,14 +37,14 @@ _TANGENT = 0.1
 _FARTHEST = 1e-6
 # Steps of signs in integers, as powers of two of the roundoff of the largest coordinate.
 _RADII = (-2, 1, 4, 8)
-# Where the gradient vanishes, changes of sign are looked for this far away.
+# If the gradient vanishes, changes of sign are searched at these distances.
 _DISTANCES = [2.0**power for power in (-48, -40, -32, -28, -26, -24, -22, -20, -17, -14, -11)]
 
 
 def projected(
     side: Side, points: Float[Array, "3 points"], fixed: Bool[Array, "3 points"], steps: int
 ) -> Float[Array, "3 points"]:
-    """Points of the surface near some places in the box, keeping the coordinates that are fixed."""
+    """Return points of the surface near the given points of the box, with the `fixed` coordinates unchanged."""
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
 
     def step(_: Any, x: Array) -> Array:
@@ -56,7 +56,7 @@ def projected(
 
 
 def _back(value: Array, gradient: Array, x: Array, lower: Array, upper: Array) -> Array:
-    """The Newton step along the gradient; coordinates at a face that it would leave stay."""
+    """Return the Newton step along the gradient; coordinates at a face that it would leave stay."""
     move = -value * gradient / positive(jnp.sum(gradient**2, axis=0))
     for _ in range(2):
         leaving = ((x <= lower) & (move < 0)) | ((x >= upper) & (move > 0))
@@ -73,12 +73,12 @@ def _short(move: Array, lower: Array, upper: Array) -> Array:
 def local_feet(
     side: Side, points: Float[Array, "3 points"], starts: Float[Array, "3 points"], steps: int
 ) -> Float[Array, "3 points"]:
-    """Points of the surface near the starts that are about the nearest ones of their part of it.
+    """Return points of the surface near the starts, approximately nearest on their part of it.
 
-    A step solves (1 + mu T) s = t for the move s along the surface, with t the tangential part of point - q, mu its
-    share of the gradient, and T the tangential part of the second derivatives. If 1 + mu T is not positive definite,
-    only its non-positive direction is damped; if neither direction is clearly positive, both are. Faces that the move
-    would leave hold their coordinate for this step.
+    A step solves (1 + mu T) s = t for the move s along the surface, with t the tangential part of point - q, mu the
+    multiplier of the gradient, and T the tangential part of the second derivatives. If 1 + mu T is not positive
+    definite, only its non-positive direction is damped; if neither direction is clearly positive, both are. Faces that
+    the move would leave hold their coordinate for this step.
     """
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
 
@@ -92,7 +92,7 @@ def local_feet(
         held, move = jax.lax.fori_loop(0, 3, hold, (q > q, q - q))
         move = _short(jnp.where(held, 0.0, move), lower, upper)
         there = jnp.clip(q + move, lower, upper)
-        # The value at the new place, to second order, gives the way back.
+        # The value at the new point, to second order, gives the way back.
         value = value + jnp.sum(gradient * move, axis=0) + 0.5 * jnp.sum(hessian * move * move[:, None], axis=(0, 1))
         slope = gradient + jnp.sum(hessian * move, axis=1)
         return jnp.clip(there + _back(value, jnp.where(held, 0.0, slope), there, lower, upper), lower, upper)
@@ -102,7 +102,7 @@ def local_feet(
 
 
 def returned(side: Side, points: Float[Array, "3 points"], steps: int) -> Float[Array, "3 points"]:
-    """Points of the surface near some places of the box, within the faces that these lie on unless it touches them."""
+    """Return points of the surface near the given points, within their faces unless the surface only touches these."""
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
 
     def back(_: Any, q: Array) -> Array:
@@ -113,13 +113,14 @@ def returned(side: Side, points: Float[Array, "3 points"], steps: int) -> Float[
 
 
 def _within(q: Array, gradient: Array, lower: Array, upper: Array) -> Array:
-    """The part of the gradient within the faces that a place lies on; all of it where that is hardly anything."""
+    """Return the part of the gradient within the faces that hold a point; all of it if that part is negligible."""
     within = jnp.where((q <= lower) | (q >= upper), 0.0, gradient)
     enough = jnp.sum(within**2, axis=0) > _TANGENT**2 * jnp.sum(gradient**2, axis=0)
     return jnp.where(enough, within, gradient)
 
 
 def _tangential(apart: Array, gradient: Array, hessian: Array, held: Array) -> Array:
+    """Return the damped Newton step along the surface of `local_feet`; held coordinates do not move."""
     n = jnp.where(held, 0.0, gradient)
     e = jnp.where(held, 0.0, apart)
     square = positive(jnp.sum(n**2, axis=0))
@@ -145,7 +146,7 @@ def _tangential(apart: Array, gradient: Array, hessian: Array, held: Array) -> A
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """Solutions of 3 x 3 systems, by Cramer's rule."""
+    """Return solutions of 3 x 3 systems, by Cramer's rule."""
     rows = [_cross(matrix[i], matrix[j]) for i, j in ((1, 2), (2, 0), (0, 1))]
     determinant = jnp.sum(matrix[0] * rows[0], axis=0)
     found = sum(right[i] * rows[i] for i in range(3)) / jnp.where(determinant != 0, determinant, jnp.inf)
@@ -157,7 +158,7 @@ def _cross(x: Array, y: Array) -> Array:
 
 
 def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
-    """Lengths within which a point of the surface, in its box, is proven; infinite where none is.
+    """Return lengths within which a point of the surface, in its box, is proven; infinite if none is.
 
     Both ends of a short segment along the gradient are floats in the box, and the signs there hold for the exact
     polynomial. At a face the segment stays in it, unless the surface nearly touches it.
@@ -184,19 +185,19 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
 
 
 def reach(offsets: Float[Array, "3 ..."]) -> Array:
-    """Upper bounds of the lengths of vectors: a few roundings, and squares that vanish below the normal numbers."""
+    """Bound the lengths of vectors from above, including a few roundings and the underflow of squares."""
     dtype = offsets.dtype
     lost = 2 * smallest_normal(dtype) ** 0.5
     return (jnp.sqrt(jnp.sum(offsets**2, axis=0)) + lost) * (1 + 8 * unit_roundoff(dtype))
 
 
 def thorough_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
-    """As proven_radius, but proves also points where the gradient vanishes, as at the apex of a cone."""
+    """Return `proven_radius`, but also prove points at which the gradient vanishes, such as the apex of a cone."""
     return with_singular_radius(side, points, proven_radius(side, points))
 
 
 def with_singular_radius(side: Side, points: Float[Array, "3 points"], radius: Array) -> Float[Array, " points"]:
-    """The thorough radius from that which is proven by gradients."""
+    """Return `thorough_radius`, given the result of `proven_radius`."""
 
     def both(radius: Array) -> Array:
         return jnp.minimum(radius, _singular_radius(side, points))
@@ -205,7 +206,7 @@ def with_singular_radius(side: Side, points: Float[Array, "3 points"], radius: A
 
 
 def _singular_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
-    """Lengths within which two of the six neighbors along the axes, moved into the box, have different signs.
+    """Return lengths within which two of six neighbors along the axes, in the box, have different signs.
 
     The segment between both keeps to the box, and to the ball about the point that holds them.
     """
@@ -228,8 +229,8 @@ def _singular_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Arra
 def exact_radius(surface: ImplicitSurface, side: Side, frame: Frame, x: np.ndarray) -> float:
     """A length within which a known surface, in its box, has a point, proven by signs in integers; else infinite.
 
-    The signs are those at the places x + h w of the box, w of zeros, ones and minus ones, for a few steps h from some
-    ulps on: between two places of different signs there is a point of the surface. Zero where x is on the surface.
+    The polynomial is evaluated at x + h w in the box, with entries of w in {0, 1, -1}, for a few steps h from some ulps
+    on. Between two points of different signs there is a point of the surface. The length is zero for x on it.
     """
     polynomial = exact_polynomial(surface, frame)
     lower, upper = (np.asarray(end, np.float64).tolist() for end in (side.lower, side.upper))

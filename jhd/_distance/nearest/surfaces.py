@@ -18,25 +18,25 @@ from jhd._distance.nearest.surface_points import local_feet, projected, proven_r
 from jhd._distance.normalization.surfaces import Side
 from jhd._runtime.arrays import module_of, varying
 
-# Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
+# Cells along each axis that every search starts from, and points along each axis for a cloud.
 _GRID, _PLACES = 8, 12
 CLOUD_STEPS = 7
-# Open cells of one search at least, and cells cut in a step.
+# Smallest capacity of open cells of a search, and cells cut in a step.
 CAPACITY, _LANES = 2048, 16
-# Steps at most for so many open cells, and in proportion for more.
+# Largest number of steps for CAPACITY open cells, and in proportion for more.
 _MAX_STEPS = 300
 # Cells of this width are not cut any more: a few units of roundoff of the coordinates.
 _NARROW = 2.0**-48
-# Places of a cloud that feet are looked for from, and Newton steps for feet.
+# Points of a cloud from which feet are searched, and Newton steps for feet.
 _STARTS, _FOOT_STEPS = 8, 5
 # Least gap, in units of roundoff.
 _CLOSE = 16
-# Half sides of the cubes about a foot in which it may be proven to be the nearest point, as shares of the box.
+# Half sides of the cubes about a foot in which it may be proven to be the nearest point, as fractions of the box.
 _CUBES = 2.0 ** -np.arange(1.0, 9.0)
 
 
 class Cover(NamedTuple):
-    """Boxes that hold all of a surface: corners, and which of them may hold a point of it."""
+    """Boxes that cover a surface: their corners, and which of them may hold a point of the surface."""
 
     lower: Float[Array, "3 cells"]
     upper: Float[Array, "3 cells"]
@@ -44,7 +44,7 @@ class Cover(NamedTuple):
 
 
 class SurfaceCloud(NamedTuple):
-    """Points close to a surface: each has one of it within its radius, which is infinite where none is proven."""
+    """Points close to a surface: each has a surface point within its radius, which is infinite if none is proven."""
 
     points: Float[Array, "3 points"]
     radius: Float[Array, " points"]
@@ -60,15 +60,15 @@ class NearestOnSurface(NamedTuple):
 
 
 def cover(side: Side) -> Cover:
-    """A grid over the box."""
+    """Return a grid over the box."""
     low, high = (jnp.asarray(x) for x in grid(side))
     return Cover(low, high, form(side, boxes(low, high)).may_vanish)
 
 
 def grid(side: Side) -> tuple[Any, Any]:
-    """Lower and upper corners (3, cells) of cells of the box; neighboring ones share the floats of their common ends.
+    """Return lower and upper corners (3, cells) of cells of the box; neighbors share the floats of common ends.
 
-    In NumPy where the box is.
+    The corners are NumPy arrays if the box is.
     """
     xp = module_of(side.lower)
     lower, upper = xp.asarray(side.lower)[:, None], xp.asarray(side.upper)[:, None]
@@ -81,14 +81,14 @@ def grid(side: Side) -> tuple[Any, Any]:
 
 
 def cloud(side: Side) -> SurfaceCloud:
-    """Points of the surface inside the box, on its faces and on its edges, and isolated ones."""
+    """Return points of the surface inside the box, on its faces and on its edges, and isolated points."""
     starts, fixed = starts_of_cloud(side)
     found = projected(side, jnp.asarray(starts), jnp.asarray(fixed), CLOUD_STEPS)
     return SurfaceCloud(found, proven_radius(side, found))
 
 
 def starts_of_cloud(side: Side) -> tuple[Any, Any]:
-    """Places (3, places) that a cloud is made from, and the coordinates that they keep; in NumPy where the box is."""
+    """Return start points (3, points) of a cloud, and a mask of their fixed coordinates; in NumPy if the box is."""
     xp = module_of(side.lower)
     lower, upper = xp.asarray(side.lower)[:, None], xp.asarray(side.upper)[:, None]
     shares, fixed = _places()
@@ -99,7 +99,7 @@ def starts_of_cloud(side: Side) -> tuple[Any, Any]:
 
 
 def _places() -> tuple[np.ndarray, np.ndarray]:
-    """Places in the unit cube, its faces, edges and corners, and the coordinates that these fix."""
+    """Return points in the unit cube, on its faces, edges and corners, and a mask of the coordinates that these fix."""
     inner = (np.arange(_PLACES) + 0.5) / _PLACES
     rows, fixed = [], []
     for held in np.ndindex(2, 2, 2):
@@ -111,7 +111,7 @@ def _places() -> tuple[np.ndarray, np.ndarray]:
 
 
 def halved(lower: Float[Any, "3 cells"], upper: Float[Any, "3 cells"]) -> tuple[Any, Any]:
-    """The eight parts of each cell, arrays (3, 8 cells); the parts share the floats where they meet."""
+    """Return the eight parts of each cell, arrays (3, 8 cells); neighboring parts share the floats of common ends."""
     xp = module_of(lower)
     middle = xp.clip(0.5 * (lower + upper), lower, upper)
     corners = np.indices((2, 2, 2)).reshape(3, 8, 1)
@@ -121,7 +121,7 @@ def halved(lower: Float[Any, "3 cells"], upper: Float[Any, "3 cells"]) -> tuple[
 
 
 def inner(side: Side, lower: Any, upper: Any) -> Any:
-    """The coordinates in which cells do not touch the box."""
+    """Return a mask of the coordinates in which cells do not touch the box."""
     xp = module_of(lower)
     return (lower > xp.asarray(side.lower)[:, None]) & (upper < xp.asarray(side.upper)[:, None])
 
@@ -129,7 +129,7 @@ def inner(side: Side, lower: Any, upper: Any) -> Any:
 class _SurfaceQuery(NamedTuple):
     rows: Array  # (capacity, 6)
     bound: Array  # inf where free
-    closed: Array  # smallest bound of what was dropped
+    closed: Array  # smallest bound of the cells dropped
     upper: Array
     foot: Array
     steps: Array
@@ -145,18 +145,18 @@ def nearest(
     capacity: int = CAPACITY,
     most: Array | int | None = None,
 ) -> NearestOnSurface:
-    """Bounds of the distance from a point to the surface.
+    """Return bounds of the distance from a point to the surface.
 
-    From the axis of a torus a whole circle is as near: the gap that remains is the smaller the more room there is.
+    From the axis of a torus a whole circle is equally near; more capacity then leaves a smaller gap.
 
     Args:
         side: the surface.
-        cover: boxes that hold all of it.
+        cover: boxes that cover it.
         point: the point.
-        starts: places near which feet are looked for.
+        starts: points near which feet are searched.
         least: the search ends as soon as the distance is proven to be at most this.
-        close: and as soon as both bounds are as close as this, or as rounding lets them be.
-        capacity: open cells that there is room for; steps follow it.
+        close: the search also ends as soon as the bounds differ by at most this, or by the rounding error.
+        capacity: largest number of open cells; the number of steps is proportional to it.
         most: number of open cells beyond which the search stops with valid, wider bounds; None means never.
     """
     max_steps = _MAX_STEPS * capacity // CAPACITY
@@ -165,9 +165,9 @@ def nearest(
 
     def better(state: _SurfaceQuery, places: Array) -> tuple[Array, Array]:
         found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
-        # Where the gradient vanishes Newton's method leads away, and a cell itself is near the surface.
+        # If the gradient vanishes Newton's method leads away, and a cell itself is near the surface.
         far, foot = nearest_proven(side, point, jnp.concatenate([found, places], axis=1))
-        # Of two as near but for rounding the later foot counts: what is proven about it needs more digits of it.
+        # Of two feet that are equally near up to rounding the later one counts: proofs need more digits of it.
         nearer = jnp.isfinite(far) & (far <= state.upper + 8 * u * (1 + far))
         return jnp.minimum(far, state.upper), jnp.where(nearer, foot, state.foot)
 
@@ -186,8 +186,8 @@ def nearest(
         taken, parents = state.rows[index].T, state.bound[index]
         live = parents < target(state)
         narrow = jnp.max(taken[3:] - taken[:3], axis=0) < like_double(_NARROW, taken.dtype)
-        # What is close enough, or too narrow to cut, leaves the table but counts; single precision orders the table too
-        # coarsely to tell it from the rest, so it must not stay there.
+        # Cells that are close enough, or too narrow to cut, leave the table but count. Single precision orders the
+        # table too coarsely to tell them from the others, so they must not stay there.
         closed = jnp.minimum(state.closed, jnp.min(jnp.where(live & ~narrow, jnp.inf, parents)))
         low, high = halved(taken[:3], taken[3:])
         cells = boxes(low, high)
@@ -223,7 +223,7 @@ def nearest(
 
 
 def _convex_about(side: Side, point: Array, foot: Array) -> tuple[Boxes, Array]:
-    """Cubes of a few sizes about a foot, (3, cubes), and lower bounds of the distance to the surface in each, or zero.
+    """Return cubes about a foot, (3, cubes), and lower bounds of the distance to the surface in each, or zero.
 
     With l so that the gradient of L = |q - p|^2 - l f(q) is about zero at the foot, L lies above its tangent plane
     there in every cube in which its second derivatives are proven positive definite: the pivots of their middle, less
@@ -243,7 +243,8 @@ def _convex_about(side: Side, point: Array, foot: Array) -> tuple[Boxes, Array]:
     error = gamma(24, dtype) * size + 1.01 * jnp.abs(factor) * f.error
     value = jnp.sum(apart**2) - factor * f.value
     tilt = jnp.sum(jnp.abs(pull - factor * slope), axis=0) * (1 + gamma(16, dtype))
-    # The errors of all coefficients together are within the first, those of slopes within as many times the degree.
+    # The errors of all coefficients together are within the first; the errors of slopes are within this times the
+    # degree.
     degree = max(f.local.shape[:3])
     least = value - tilt - (4 * degree + 4) * error
     convex = _definite(f, factor, half, error * degree**2)
@@ -252,11 +253,11 @@ def _convex_about(side: Side, point: Array, foot: Array) -> tuple[Boxes, Array]:
 
 
 def _definite(f: Form, factor: Array, half: Array, error: Array) -> Array:
-    """Whether the second derivatives of |half e|^2 - factor f(e) are positive definite for all |e| <= 1."""
+    """Return whether the second derivatives of |half e|^2 - factor f(e) are positive definite for all |e| <= 1."""
     local, dtype = f.local, half.dtype
     powers = np.indices(local.shape[:3])
     total = np.sum(powers, axis=0)
-    # What terms beyond the second degree change entries of a row by, all together.
+    # Total change of the entries of a row by terms beyond the second degree.
     rows = [powers[k] * (total - 1) for k in range(3)]
     sizes = [
         jnp.sum(jnp.where((total > 2)[..., None], r[..., None] * jnp.abs(local), 0.0), axis=(0, 1, 2)) for r in rows
@@ -275,24 +276,24 @@ def _definite(f: Form, factor: Array, half: Array, error: Array) -> Array:
 
 
 def nearest_proven(side: Side, point: Array, places: Array) -> tuple[Array, Array]:
-    """The place near the surface within which and a point there is one of the surface at the least distance, and that.
+    """Return an upper bound of the distance to the surface, and the point near the surface that proves it.
 
-    A bound of that distance comes first; it is infinite where no place is proven to be near the surface.
+    The bound is infinite if none of the points is proven to be near the surface.
     """
     far = proven_distances(side, point, places)
     return jnp.min(far), places[:, jnp.argmin(far)]
 
 
 def proven_distances(side: Side, point: Array, places: Array) -> Array:
-    """Upper bounds of the distance of the surface by each place near it; infinite where it is not proven to be."""
+    """Return upper bounds of the distance to the surface by points near it; infinite for unproven points."""
     far = round_up(reach(places - point[:, None]) + thorough_radius(side, places))
     return jnp.where(jnp.isnan(far), jnp.inf, far)
 
 
 def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Array, Array, Array]:
-    """A table with new rows where it is free, and the smallest bound of those that find no room; inf means free.
+    """Return a table with new rows in its free slots, and the smallest bound of the rows dropped; inf means free.
 
-    Where there is too little room, the rows of the largest bounds leave: to whom the smallest matter they do least.
+    If slots are missing, the rows with the largest bounds are dropped: they matter least for the smallest bound.
     """
     count = new_bound.size
     wanted, free = jnp.sum(jnp.isfinite(new_bound)), jnp.sum(jnp.isinf(bound))
@@ -301,7 +302,7 @@ def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Arr
     )
     used = jnp.nonzero(jnp.isfinite(new_bound), size=count, fill_value=count)[0]
     slots = jnp.nonzero(jnp.isinf(bound), size=count, fill_value=bound.size)[0]
-    # Beyond the end is nowhere.
+    # Rows beyond the end are dropped.
     there = jnp.where(used < count, slots, bound.size)
     rows = rows.at[there].set(new[jnp.minimum(used, count - 1)], mode="drop")
     values = jnp.append(new_bound, jnp.inf)[used]
@@ -310,14 +311,14 @@ def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Arr
 
 
 def _without_largest(bound: Array, new_bound: Array) -> tuple[Array, Array]:
-    """The bounds with room for all new ones made among the largest, and the smallest of those that left."""
+    """Return the bounds with slots freed among the largest for all new rows, and the smallest bound dropped."""
     key = jnp.where(jnp.isinf(bound), -jnp.inf, bound)
     _, index = jax.lax.top_k(key.astype(jnp.float32), new_bound.size)
     return bound.at[index].set(jnp.inf), jnp.min(bound[index])
 
 
 def nearest_places(cloud: SurfaceCloud, point: Float[Array, "3"], count: int = _STARTS) -> Float[Array, "3 points"]:
-    """The proven points of a cloud nearest to a point, some unproven ones where there are too few."""
+    """Return the `count` proven points of a cloud nearest to a point; unproven points if these are too few."""
     far = jnp.sum((cloud.points - point[:, None]) ** 2, axis=0) + jnp.where(jnp.isfinite(cloud.radius), 0.0, 100.0)
     _, index = jax.lax.top_k(-far.astype(jnp.float32), count)
     return cloud.points[:, index]

@@ -30,7 +30,7 @@ from jhd._triangles.closest_point import (
     triangles_within,
 )
 
-# Most triangles near a point that are looked at one by one.
+# Most triangles near a point that are examined one by one.
 _FEW = 32
 
 
@@ -38,13 +38,13 @@ class ProvenFeet(NamedTuple):
     """Nearest points of a shape, in the user's coordinates.
 
     Args:
-        distance: to the foot; infinite where there is none.
+        distance: distance to the foot; infinite if there is none.
         lower: proven lower bound of the distance to the whole shape.
-        upper: proven upper bound; infinite where no point of the shape is proven.
+        upper: proven upper bound; infinite if no point of the shape is proven.
         foot: a point of the shape.
         segment: the part of the shape that holds it, as in Projection.
         t: its parameters there, as in Projection.
-        closed: whether the bounds are as close as they should be.
+        closed: whether the bounds meet the tolerance.
     """
 
     distance: Float[np.ndarray, " points"]
@@ -63,9 +63,9 @@ class FootRows(NamedTuple):
 
     Args:
         point: the points.
-        error: the shape has a point within this; infinite where none is proven.
+        error: the shape has a point within this distance; infinite if none is proven.
         segment: the part of the shape that holds each, as in Projection.
-        t: its parameters there, in as many columns as there are, none on implicit surfaces.
+        t: its parameters there, one column each; no columns for implicit surfaces.
     """
 
     point: Float[np.ndarray, "*cells feet dim"]
@@ -76,7 +76,7 @@ class FootRows(NamedTuple):
     take = taken
 
     def map(self, function: Any) -> "FootRows":
-        """The same function of every array."""
+        """Apply a function to every array."""
         return FootRows(*(function(x) for x in self))
 
 
@@ -86,8 +86,8 @@ class Flats(NamedTuple):
     Args:
         origin: of each piece, (cells, flats, 3).
         first: along s in [0, 1].
-        second: along t in [0, 1]; of triangles s + t is at most one.
-        sag: infinite where nothing is proven.
+        second: along t in [0, 1]; for triangles s + t is at most one.
+        sag: distance to the shape; infinite if nothing is proven.
     """
 
     origin: Any
@@ -97,12 +97,12 @@ class Flats(NamedTuple):
 
 
 class ConvexPieces(NamedTuple):
-    """Convex pieces of a shape beside points, any number of them, all that are near; points without any have too many.
+    """All convex pieces of a shape near points, any number for each point; points with too many pieces have none.
 
     Args:
         who: the point that each belongs to.
-        corners: whose hulls the pieces are, (pairs, corners, 3).
-        foot: about the nearest point of each.
+        corners: corners of the convex pieces, (pairs, corners, 3).
+        foot: approximate nearest point of each piece.
     """
 
     who: Int[np.ndarray, " pairs"]
@@ -113,51 +113,51 @@ class ConvexPieces(NamedTuple):
 class AbstractTarget(ABC):
     """A shape that distances are taken to; all its numbers are known."""
 
-    # Points that are best asked for together.
+    # Number of points that are best passed together.
     block: int = BLOCKS[-1]
     # Rows for feet in a witness.
     feet_named: int = 4
-    # Whether bounds are always those of rounding.
+    # Whether bounds always differ by the rounding error only.
     sharp: bool = True
     # Whether its flat pieces are triangles; else they are parallelograms.
     triangles: bool = False
 
-    # Feet of places next to each other are one within this share of their distance.
+    # Feet of neighboring points are one foot within this fraction of their distance.
     same: float = 1e-4
 
     @abstractmethod
     def rounding(self, distance: float) -> float:
-        """The gap that bounds of a distance may keep, by rounding."""
+        """Return the gap that rounding may leave between the bounds of a distance."""
 
     @abstractmethod
     def feet(self, points: np.ndarray) -> np.ndarray:
-        """Proven upper bounds of the distances of points (points, dim), those of points of the shape near them."""
+        """Return proven upper bounds of the distances of points (points, dim), from points of the shape near them."""
 
     @abstractmethod
     def near(self, points: np.ndarray) -> ProvenFeet:
-        """Points of the shape near others, with proven upper bounds; lower ones may be zero.
+        """Return points of the shape near the given points, with proven upper bounds; lower bounds may be zero.
 
-        What is sharp gives its nearest points.
+        Sharp targets return their nearest points.
         """
 
     @abstractmethod
     def error(self, found: ProvenFeet) -> np.ndarray:
-        """Within which the shape has a point of each foot that was found."""
+        """Return lengths within which the shape has a point of each foot found."""
 
     @abstractmethod
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """Flat pieces beside cells in the hulls of some corners (cells, corners, 3), near their feet (cells, FEET)."""
+        """Return flat pieces of the shape near cells in the hulls of corners (cells, corners, 3)."""
 
     @abstractmethod
     def parameters(self, t: np.ndarray) -> np.ndarray:
-        """The parameters of feet, from rows of them, as a Witness has them."""
+        """Return the parameters of feet as a Witness stores them, from rows of parameters."""
 
     def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> "ConvexPieces | None":
-        """All convex pieces of the shape that may be within lengths of points; None of what is not made of few."""
+        """Return all convex pieces that may be within `reach` of points; None if the shape is not a union of few."""
         return None
 
     def rows_of(self, found: ProvenFeet) -> FootRows:
-        """The feet alone, in rows."""
+        """Return the feet of the nearest points found, in rows."""
         t = found.t.reshape(len(found.segment), -1)
         segment = np.where(np.isfinite(found.upper), found.segment, -1)
         return FootRows(found.foot, self.error(found), segment, np.where(np.isnan(t), 0.0, t))
@@ -170,14 +170,14 @@ class AbstractTarget(ABC):
 
         Args:
             points: queries (points, dim), finite.
-            enough: the bounds of a query may stay apart where its upper one is at most this; of all, or of each.
-            close: by so much bounds may stay apart.
+            enough: the bounds of a query may stay apart if its upper bound is at most this number, or its number.
+            close: gap at which the bounds of a query are close enough.
             hasty: whether a query that takes long may be given up; its bounds are then wider, and not closed.
         """
 
 
 class PointTarget(AbstractTarget):
-    """A set of points; those of the plane lie at height zero."""
+    """A set of points; points of the plane lie at height zero."""
 
     feet_named = 2
     same = 0.0
@@ -196,7 +196,7 @@ class PointTarget(AbstractTarget):
         return np.where(self._holds(points, self.tree.order[row]), 0.0, upper).astype(upper.dtype)
 
     def _holds(self, points: np.ndarray, index: np.ndarray) -> np.ndarray:
-        """Whether queries are points of the set; then nothing about their distance is rounded."""
+        """Return whether queries are points of the set; then nothing about their distance is rounded."""
         return np.all(self.rows[index] == points, axis=1)
 
     @override
@@ -209,18 +209,18 @@ class PointTarget(AbstractTarget):
 
     @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """The points."""
+        """Return the points."""
         nothing = np.zeros_like(feet.point)
         return Flats(feet.point, nothing, nothing, feet.error)
 
     @override
     def parameters(self, t: np.ndarray) -> np.ndarray:
-        """Zeros."""
+        """Return zeros: points have no parameters."""
         return t[:, 0]
 
     @override
     def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
-        """The points."""
+        """Return the points."""
         who, row = _within(self.tree, in_space(points), reach)
         held = in_space(self.rows)[self.tree.order[row]]
         return ConvexPieces(who, held[:, None], held)
@@ -229,7 +229,7 @@ class PointTarget(AbstractTarget):
     def nearest(
         self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
     ) -> ProvenFeet:
-        """The bounds are always those of rounding."""
+        """Return nearest points with bounds that differ by the rounding error only."""
         tree, scaled = in_unit_of(self.tree, in_space(points))
         found = nearest_triangles(tree, scaled)
         distance, dtype = np.sqrt(found.square), scaled.dtype
@@ -269,13 +269,13 @@ class MeshTarget(AbstractTarget):
 
     @override
     def error(self, found: ProvenFeet) -> np.ndarray:
-        """Of what barycentric coordinates are multiplied with."""
+        """Bound the rounding error of a foot, which multiplies barycentric coordinates with corners."""
         sizes = np.max(np.abs(self._corners[found.segment]), axis=(1, 2))
         return gamma(16, sizes.dtype) * 2 * sizes
 
     @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """The triangles."""
+        """Return the triangles."""
         first, second, third = np.moveaxis(self._corners[feet.segment], -2, 0)
         return Flats(first, second - first, third - first, np.zeros_like(feet.error))
 
@@ -285,7 +285,7 @@ class MeshTarget(AbstractTarget):
 
     @override
     def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
-        """The triangles."""
+        """Return the triangles."""
         who, row = _within(self.tree, points, reach)
         tree, scaled = in_unit_of(self.tree, points)
         corners = self._corners[tree.order[row]]
@@ -298,26 +298,26 @@ class MeshTarget(AbstractTarget):
     def nearest(
         self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
     ) -> ProvenFeet:
-        """The bounds are always those of rounding."""
+        """Return nearest points with bounds that differ by the rounding error only."""
         found = closest_points(self.mesh, points)
         return ProvenFeet(*found, closed=np.ones(len(points), bool))
 
 
 def _left(tree: TriangleTree, distance: float) -> float:
-    """What the bounds of a distance by a tree may be apart, in the user's unit: their error, or their own rounding."""
+    """Return the gap that rounding may leave between bounds of a distance by a tree, in the user's unit."""
     with np.errstate(over="ignore", under="ignore"):
         error = float(np.ldexp(tree.error(np.ldexp(distance, -tree.exponent)), tree.exponent))
         return 4 * max(error, float(np.spacing(np.asarray(distance, tree.table.dtype))))
 
 
 def _within(tree: TriangleTree, points: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of points and sorted triangles, or points, that may be within lengths of these, where there are few."""
+    """Return pairs of points and sorted triangles (or points) that may be within `reach` of them, if these are few."""
     tree, scaled = in_unit_of(tree, points)
     return triangles_within(tree, scaled, np.ldexp(outward(reach, 0, scaled.dtype, 1), -tree.exponent), _FEW)
 
 
 def _hinted(tree: TriangleTree, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Upper bounds of distances by the triangles, or points, that the tree's grid names, and their rows there."""
+    """Return upper bounds of distances by the triangles (or points) in the grid of the tree, and their rows."""
     tree, scaled = in_unit_of(tree, points)
     row = tree.hints.at(scaled).astype(np.int32)
     distance = np.sqrt(pair_squares(tree.table, scaled, row).astype(np.float64))
@@ -325,12 +325,12 @@ def _hinted(tree: TriangleTree, points: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def in_space(points: np.ndarray) -> np.ndarray:
-    """Points of the plane as points of space, of which the last coordinate is zero; others as they are."""
+    """Return points of the plane as points of space with last coordinate zero; other points unchanged."""
     return points if points.shape[1] == 3 else np.concatenate([points, np.zeros_like(points[:, :1])], axis=1)
 
 
 def curve_in_space(curve: BezierSegments) -> BezierSegments:
-    """A plane curve, its numbers known, as one of space, of which the last coordinate is zero; others as they are."""
+    """Return a plane curve with known numbers as a space curve with last coordinate zero; others unchanged."""
     if curve.dim == 3:
         return curve
     points = np.asarray(curve.control_points)

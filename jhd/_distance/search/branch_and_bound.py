@@ -33,9 +33,9 @@ from jhd._shapes.curve import BezierSegments
 from jhd.progress import Callback, Progress
 
 Chosen = TypeVar("Chosen", bound=AbstractMethod)
-# Rows of a table of surfaces for each of those of curves.
+# Rows of a table for surfaces, for each row of a table for curves.
 _SURFACE_ROWS = 32
-# Segments of a long curve for each row of its table at first.
+# Segments of a long curve for each initial row of its table.
 _LONG_SHARE = 8
 
 
@@ -112,8 +112,8 @@ class BranchAndBound(AbstractHausdorffMethod):
 
 @lru_cache(maxsize=1)
 def default_method() -> BranchAndBound:
-    """BranchAndBound(), made once: its checks take as long as preparing a curve."""
-    # Asked for first inside a trace, its numbers would be tracers of that program.
+    """Return BranchAndBound(), made once: its checks take as long as preparing a curve."""
+    # If first called inside a trace, its numbers would be tracers of that trace.
     with jax.ensure_compile_time_eval():
         return BranchAndBound()
 
@@ -125,7 +125,7 @@ sized_by_method = belongs(
 
 
 def chosen_method(method: Chosen | None, rtol: Any, atol: Any) -> Chosen | BranchAndBound:
-    """The method of a call, BranchAndBound() if it is None, with the tolerances of the call.
+    """Return the method of a call, BranchAndBound() if it is None, with the tolerances of the call.
 
     Raises:
         TypeError: a tolerance is given, and the method has it already or none.
@@ -168,17 +168,17 @@ def limited(method: Any, progress: Callback | None, max_seconds: float | None) -
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
 def length_of_table(method: BranchAndBound, a: BezierSegments | Target) -> int:
-    """Initial number of cells in the queue."""
+    """Return the initial number of cells in the queue."""
     if not isinstance(a, BezierSegments):
         return _SURFACE_ROWS * (1 << (method.queue_size - 1).bit_length())
-    # Of a long curve few cells are left when the first bounds are known; where more are, it begins anew with room.
+    # Few cells of a long curve are left when the first bounds are known; if more are left, it begins anew with room.
     return max(method.queue_size, a.count // _LONG_SHARE if is_long(a) else 2 * a.count)
 
 
 def wanted_of(method: BranchAndBound, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
-    """The tolerances and the aim in common coordinates."""
+    """Return the tolerances and the aim in common coordinates."""
     dtype: Any = a.control_points.dtype if isinstance(a, BezierSegments) else a.side.lower.dtype
     xp: Any = jnp if is_traced(method, frame) else np
-    # One program serves a given tolerance and the default one.
+    # One compiled function serves a given tolerance and the default one.
     atol = xp.asarray(-1.0 if method.atol is None else frame.common(method.atol), dtype)
     return Wanted(atol, xp.asarray(method.rtol, dtype), aim)

@@ -21,16 +21,16 @@ from jhd._runtime.arrays import varying
 
 # The last points of b that were found nearest.
 HINTS = 8
-# What a candidate has to promise above the last one, and how well feet agree, in units of roundoff.
+# Gain over the last candidate that a new one has to promise, and agreement of feet, in units of roundoff.
 NOISE = 64
 # Rounds of the cutting planes.
 _ROUNDS = 5
-# Feet are the same below this distance; they count together where their distances agree to this share and as much.
+# Feet are equal below this distance; they count together if their distances agree to this fraction and as much.
 _SAME, _AGREEING = 1e-6, 1e-3
 
 
 class Target(NamedTuple):
-    """A side with what searches on it start from."""
+    """A side of an implicit surface with its cover and cloud, from which searches start."""
 
     side: Side
     cover: Cover
@@ -38,7 +38,7 @@ class Target(NamedTuple):
 
 
 class SurfacePlace(NamedTuple):
-    """Where the distance is attained: a point of a, its feet on b, and their weights, zero for those unused."""
+    """A point of a at which the distance is attained, its feet on b, and their weights, zero for unused feet."""
 
     point: Array  # (3,)
     feet: Array  # (4, 3)
@@ -46,7 +46,7 @@ class SurfacePlace(NamedTuple):
 
 
 class FarthestPlace(NamedTuple):
-    """The farthest point of a so far: the proven bound and the value, -inf where none is proven, and where it is."""
+    """The farthest point of a so far: the proven bound, the value (-inf if none is proven) and the point with feet."""
 
     lower: Array
     value: Array
@@ -72,16 +72,16 @@ def improved(
     close: Array,
     capacity: int = CAPACITY,
 ) -> FarthestPlace:
-    """The best one after another place has been measured and polished, where that is asked for.
+    """Return the farthest point after a candidate has been measured and polished, if `asked`.
 
     Args:
-        a: the surface that carries the place.
-        b: the other one.
-        best: the best one so far.
-        place: a point close to a, and its feet.
+        a: the surface that carries the candidate.
+        b: the surface that distances are taken to.
+        best: the farthest point so far.
+        place: the candidate: a point close to a, and its feet.
         asked: whether to do anything.
-        close: how close the bounds of its distance are to be.
-        capacity: open cells that a search for its distance has room for.
+        close: gap at which the bounds of its distance are close enough.
+        capacity: capacity of open cells of the search for its distance.
     """
     start = varying(best, a, b, place)
     return jax.lax.cond(asked, lambda best: _measured(a, b, best, place, close, capacity), lambda best: best, start)
@@ -90,6 +90,7 @@ def improved(
 def _measured(
     a: Target, b: Target, best: FarthestPlace, place: SurfacePlace, close: Array, capacity: int
 ) -> FarthestPlace:
+    """Measure a candidate, polish it in rounds with new feet, and return the farthest point so far."""
     noise = NOISE * unit_roundoff(best.lower.dtype)
     box_a, box_b = ((jnp.asarray(t.side.lower), jnp.asarray(t.side.upper)) for t in (a, b))
     coefficients = jnp.asarray(a.side.coefficients), jnp.asarray(b.side.coefficients)
@@ -97,7 +98,7 @@ def _measured(
     def turn(r: _Round) -> _Round:
         best, plain = r.best, r.count == 0
         found = polish(coefficients[0], box_a, coefficients[1], box_b, place.point, r.feet, r.used)
-        # First the place itself.
+        # The first round measures the candidate itself.
         good = found.converged & ~plain
         point = jnp.where(good, found.point, place.point)
         radius = thorough_radius(a.side, point[:, None])[0]
@@ -110,7 +111,7 @@ def _measured(
         first = proven & (best.value == -jnp.inf)
         raised = first | (lower > best.lower) | (good & (lower >= best.lower - noise) & (value > best.value))
         new = _described(SurfacePlace(point, found.feet, found.multipliers), near.foot, good)
-        # A foot that was not among them takes the place of one that does not count.
+        # A new foot replaces a foot that does not count.
         missing = good & (value < found.distance - noise)
         slot = jnp.arange(FEET) == jnp.argmin(jnp.where(r.used, 1.0 + found.multipliers, 0.0))
         going = jnp.where(plain, near.upper > best.lower, missing & (found.distance > best.lower))
@@ -130,20 +131,20 @@ def _measured(
 
 
 def _distinct(place: SurfacePlace) -> Array:
-    """Which feet are near enough to count, each once."""
+    """Return a mask of the feet that are near enough to count, each once."""
     distances = jnp.sqrt(jnp.sum((place.feet - place.point) ** 2, axis=1))
     near = distances <= jnp.min(distances) * (1 + _AGREEING) + like_double(_SAME, distances.dtype)
     return near & ~_repeated(place.feet, near)
 
 
 def _repeated(feet: Array, counting: Array) -> Array:
-    """Which feet are the same as an earlier one that counts."""
+    """Return a mask of the feet that repeat an earlier foot that counts."""
     same = jnp.sum((feet[:, None] - feet) ** 2, axis=-1) <= like_double(_SAME, feet.dtype) ** 2
     return jnp.any(jnp.tril(same & counting[None], -1), axis=1)
 
 
 def _described(place: SurfacePlace, foot: Array, polished: Array) -> SurfacePlace:
-    """Feet with weights first, the same ones together; the nearest point alone where nothing has been polished."""
+    """Return the point with merged feet, largest weight first; or its nearest point if it was not polished."""
     counting = place.weights > 0
     same = (
         (jnp.sum((place.feet[:, None] - place.feet) ** 2, axis=-1) <= like_double(_SAME, place.feet.dtype) ** 2)

@@ -37,13 +37,13 @@ from jhd._runtime.compiled import compiled, optimized
 
 # Parts of all pieces, about, and most along a parameter of one.
 _PARTS, _MOST_ALONG = 1 << 14, 32
-# Most pieces beside a cell, and how far they are continued beyond their sides.
+# Most pieces near a cell, and how far they are continued beyond their sides.
 _MOST_PIECES, _BEYOND = 6, 0.5
 # How often simplices over which heights change their signs are divided.
 _LEVELS = 2
 # How often simplices are cut, and then their parts: about a corner of patches two lines meet, of triangles three.
 _CUTS = {Net: 2, Triangles: 3}
-# Cells done side by side.
+# Cells processed in one batch.
 _LANES, _LANES_OF_PARTS = 8, 16
 # Pairs of cells and boxes that are formed at once.
 _PAIRS = 1 << 20
@@ -51,7 +51,7 @@ _ROUNDINGS = gamma(512, np.float64)
 
 
 class _NearPieces(NamedTuple):
-    """Simplices and pieces near them: which of each, the box of parameters, and a place near the foot."""
+    """Pairs of simplices and nearby pieces: indices of both, the box of parameters, and parameters near the foot."""
 
     who: Int[np.ndarray, " pairs"]
     segment: Int[np.ndarray, " pairs"]
@@ -103,8 +103,8 @@ class CellHeights:
 
     Args:
         a: the shape whose cells are bounded: a net, or the corners of triangles.
-        b: the other one, without repetitions; above triangles there are upper bounds alone.
-        target: its nearest points.
+        b: the shape that distances are taken to, without repetitions; triangles get upper bounds only.
+        target: finds nearest points of `b`.
     """
 
     def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
@@ -116,7 +116,7 @@ class CellHeights:
         self._dtype, self._k = np.asarray(b[0]).dtype, 1 if isinstance(a, Net) and a.parameters == 1 else 2
 
     def over(self, cells: CellRows, flat: FlatCells, found: ProvenFeet, most: np.ndarray) -> HeightBounds:
-        """Bounds over cells."""
+        """Return bounds over cells."""
         corners = corners_of(cells, isinstance(self._shapes[0], Triangles))
         count, many = corners.shape[:2]
         box = _hull_of(flat.corners, flat.slack, self._dtype)
@@ -138,7 +138,7 @@ class CellHeights:
         return HeightBounds(np.min(least, axis=1), np.max(most, axis=1), *means)
 
     def _above(self, parts: Simplices, pairs: _NearPieces, seen: _HeightsSeen, normal: np.ndarray) -> np.ndarray:
-        """Upper bounds (3, simplices): everywhere, of the mean, of the mean of squares."""
+        """Return upper bounds (3, simplices): everywhere, of the mean, of the mean of squares."""
         bounds = np.full((3, len(parts.piece)), np.inf)
         np.minimum.at(bounds.T, pairs.who, np.where(seen.inside, _upper(self._k, seen), np.inf).T)
         missing = np.isinf(bounds[1])
@@ -153,7 +153,7 @@ class CellHeights:
         return bounds
 
     def _by_parts(self, parts: Simplices, feet: FeetOfParts, normal: np.ndarray, cuts: int = 0) -> np.ndarray:
-        """The same of parts that are cut where their feet leave a piece, which was done so often already."""
+        """Return `_above` for parts, cut if their feet leave a piece; `cuts` counts the cuts so far."""
         n, index = self._shapes[1].parameters, np.arange(len(parts.piece))
         sides = np.zeros((len(index), n)), np.ones((len(index), n))
         pairs = _NearPieces(index, feet.segment[:, 0], *sides, feet.t[:, 0, :n])
@@ -183,7 +183,7 @@ class CellHeights:
         return _HeightsSeen(*(x.astype(np.float64) if np.issubdtype(x.dtype, np.floating) else x for x in found))
 
     def _normals(self, middle: np.ndarray, found: ProvenFeet) -> np.ndarray:
-        """Unit vectors across b at the feet, towards the middles of the cells."""
+        """Return unit vectors across b at the feet, towards the middles of the cells."""
         b = self._shapes[1]
         if isinstance(b, Triangles):
             corners = np.asarray(b.corners, np.float64)[found.segment]
@@ -202,7 +202,7 @@ class CellHeights:
         return _units(across, np.eye(3)[2])
 
     def _own(self, found: ProvenFeet) -> tuple[_NearPieces, np.ndarray]:
-        """The triangles of the feet; which others may be nearest is not asked."""
+        """Return the triangles of the feet only, without others that may be nearest, and no cell as having few."""
         who = np.arange(len(found.segment))
         none = np.zeros_like(found.t)
         return _NearPieces(who, found.segment, none, none, found.t), np.zeros(len(who), bool)
@@ -210,7 +210,7 @@ class CellHeights:
     def _pairs(
         self, parts: _BoxesOfParts, cells: _Hull, found: ProvenFeet, most: np.ndarray
     ) -> tuple[_NearPieces, np.ndarray]:
-        """The pieces that may be nearest to some point of each cell, and which cells have few."""
+        """Return the pieces that may be nearest to some point of each cell, and which cells have few."""
         n = self._shapes[1].parameters
         reach = np.where(np.isfinite(most), most, -1.0) * (1 + _ROUNDINGS)
         who, segment = _near(cells, reach, parts.of_pieces)
@@ -233,7 +233,7 @@ class CellHeights:
 
 
 def _parts_of(b: Net) -> _BoxesOfParts:
-    """Boxes of parts of all pieces."""
+    """Return the boxes of parts of all pieces."""
     points, n, count = np.asarray(b.points, np.float64), b.parameters, len(b.points)
     # A power of two, so that the ends are exact.
     along = 1 << int(np.log2(np.clip((_PARTS / count) ** (1 / n), 1, _MOST_ALONG)))
@@ -262,14 +262,14 @@ def _hull_of(corners: np.ndarray, slack: np.ndarray, dtype: np.dtype) -> _Hull:
 
 
 def _gaps(cells: _Hull, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Distances of boxes of cells from boxes of parts, from below."""
+    """Return lower bounds of the distances of boxes of cells from boxes of parts."""
     mid, rad = cells.mid[:, None], cells.rad[:, None]
     apart = np.maximum(np.maximum(low - mid, mid - high) - rad, 0.0)
     return np.sqrt(np.sum(apart**2, axis=-1)) * (1 - _ROUNDINGS)
 
 
 def _near(cells: _Hull, reach: np.ndarray, boxes: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of cells and boxes within reach of them."""
+    """Return all pairs of cells and boxes within reach of them."""
     step = max(1, _PAIRS // len(boxes[0]))
     starts = range(0, len(reach), step)
     found = [np.nonzero(_gaps(cells.take(slice(k, k + step)), *boxes) <= reach[k : k + step, None]) for k in starts]
@@ -283,24 +283,24 @@ def _units(x: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
 
 
 def _for_each(pairs: _NearPieces, many: int) -> _NearPieces:
-    """The pairs of all simplices of the cells."""
+    """Return the pairs of cells repeated for all simplices of each cell."""
     rows = np.repeat(np.arange(len(pairs.who)), many)
     who = pairs.who[rows] * many + np.tile(np.arange(many), len(pairs.who))
     return pairs.take(rows)._replace(who=who)
 
 
 def _means(k: int, rows: np.ndarray) -> np.ndarray:
-    """The means of squares of polynomials from their coefficients."""
+    """Return the means of squares of polynomials from their coefficients."""
     return np.sum((rows @ means_of_products(k, _degree(k, rows))) * rows, axis=1)
 
 
 def _degree(k: int, rows: np.ndarray) -> int:
-    """That of polynomials with so many coefficients."""
+    """Return the degree of polynomials in `k` variables with as many coefficients as `rows` has columns."""
     return next(n for n in range(rows.shape[1]) if len(lattice(k, n)) == rows.shape[1])
 
 
 def _below(k: int, seen: _HeightsSeen, who: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Lower bounds (3, simplices): everywhere, of the mean, of the mean of squares."""
+    """Return lower bounds (3, simplices): everywhere, of the mean, of the mean of squares."""
     size = np.max(np.abs(seen.height), axis=1, initial=0.0) + seen.error
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         scale = np.where(seen.modulus > 0, np.sqrt(seen.modulus), 0.0) * (1 - _ROUNDINGS)
@@ -312,7 +312,7 @@ def _below(k: int, seen: _HeightsSeen, who: np.ndarray, known: np.ndarray) -> np
     rows = []
     for sign in (1.0, -1.0):
         with np.errstate(invalid="ignore"):
-            # What is taken off last is more than the roundings of differences, which may cancel.
+            # The amount subtracted last exceeds the roundings of differences, which may cancel.
             found = chord[:, None] * (sign * seen.height - (seen.error + nothing + _ROUNDINGS * size)[:, None])
         lowest = np.full((len(known), found.shape[1]), np.inf)
         np.minimum.at(lowest, who, np.where(useful[:, None], found, -np.inf))
@@ -321,9 +321,9 @@ def _below(k: int, seen: _HeightsSeen, who: np.ndarray, known: np.ndarray) -> np
 
 
 def _of_positive(k: int, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Lower bounds (3, simplices) of a function above two polynomials and zero, and of the means of it and its square.
+    """Return lower bounds (3, simplices) of a function above two polynomials and zero, of its mean and mean square.
 
-    Where the first changes its sign its parts are looked at, for which the other one may be better.
+    If the first polynomial changes its sign, the function is bounded on parts, by the larger of both polynomials.
     """
     least, mean = np.min(rows, axis=1), np.mean(rows, axis=1)
     room = _ROUNDINGS * np.max(np.abs(rows), axis=1)
@@ -340,7 +340,7 @@ def _of_positive(k: int, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _divided(k: int, rows: np.ndarray) -> np.ndarray:
-    """Coefficients (simplices, parts, indices) on halves or quarters of halves or quarters, and so on."""
+    """Return coefficients (simplices, parts, indices) on repeated halves (segments) or quarters (triangles)."""
     parts = rows[:, None]
     matrices = dividing(k, _degree(k, rows))
     for _ in range(_LEVELS):
@@ -349,7 +349,7 @@ def _divided(k: int, rows: np.ndarray) -> np.ndarray:
 
 
 def _upper(k: int, seen: _HeightsSeen) -> np.ndarray:
-    """Upper bounds (3, pairs), where sigma stays on the piece."""
+    """Return upper bounds (3, pairs) of heights, for maps sigma that stay on the piece."""
     sizes = np.abs(seen.height)
     most, error = np.max(sizes, axis=1), seen.error
     aside, mean_sq = seen.aside + error, seen.aside_sq + error * (2 * seen.aside + error)
@@ -368,12 +368,12 @@ def _upper(k: int, seen: _HeightsSeen) -> np.ndarray:
 
 
 def _least(rows: np.ndarray) -> np.ndarray:
-    """A lower bound of the sizes of polynomials; negative where they may change their signs."""
+    """Return lower bounds of the sizes of polynomials; negative if they may change their signs."""
     return np.maximum(np.min(rows, axis=-1), -np.max(rows, axis=-1))
 
 
 def _more(least: np.ndarray, aside: np.ndarray, square: np.ndarray) -> np.ndarray:
-    """By how much sqrt(s^2 + t^2) is more than |s| >= least, with |t| at most `aside` and t^2 about `square`."""
+    """Bound sqrt(s^2 + t^2) - |s| from above for |s| >= least, |t| <= `aside` and t^2 of about `square`."""
     return np.where(least > 0, np.minimum(aside, square / np.where(least > 0, 2 * least, 1.0)), aside)
 
 
@@ -393,7 +393,7 @@ def _heights_of(
     mid: Array,
     rad: Array,
 ) -> Any:
-    """Heights and valleys of pairs, and whether sigma stays on the piece."""
+    """Return heights and valleys of pairs, and whether sigma stays on the piece."""
     a, b = shapes
 
     def one(k: Array, corners: Array, j: Array, start: Array, *rest: Array) -> Any:
@@ -401,7 +401,7 @@ def _heights_of(
         at = weighted(jnp.asarray(inner_lattice(corners.shape[0] - 1, 2, INSET), corners.dtype), corners)
         feet = foot_map(jax.vmap(lambda x: place_on(a.piece(k), x))(at), b.piece(j), start, beyond)
         if isinstance(b, Triangles):
-            # Cells are cut where the feet leave them, whatever the map does there.
+            # Cells are cut at the boundary of triangles, so the map may do anything beyond.
             none = jnp.zeros_like(low[0])
             return feet, Valley(none, none, none), none + 1, jnp.zeros((), bool)
         ends = jnp.min(feet, axis=0), jnp.max(feet, axis=0)

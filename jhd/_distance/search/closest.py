@@ -1,4 +1,4 @@
-"""The search for the minimum distance: pairs of cells, those with the smallest bounds cut first.
+"""The search for the minimum distance: pairs of cells; pairs with the smallest bounds are cut first.
 
 The table of pairs is sorted by lower bound. A step takes the first pairs, cuts each in two where it is longest in
 space, bounds the halves, and sorts them in. A pair is closed when its bound is within the tolerance of the smallest
@@ -36,17 +36,17 @@ _FIRST_STEPS, _GROWTH = 64, 4
 _LONGEST = 1 << 20
 # Pairs are closed below the tolerance, so that the errors of the ends cannot exceed it.
 _CLOSE = 0.9
-# So many pairs left when a search ends belong to a family of nearest pairs.
+# If this many pairs are left when a search ends, the nearest pairs are not isolated.
 _FAMILY = 400
-# A search may be given up after half of its steps, and after so many at least, if it seems to need more than so many
-# times those that are left.
+# A search may be given up after half of its steps, and at least the first number of steps, if it seems to need more
+# than the second number times the remaining steps.
 _LATE, _HOPELESS = 1024, 8
 
 
 class WantedGap(NamedTuple):
-    """Tolerances in common coordinates, whether atol was asked for, and the most steps that may be taken for them.
+    """Tolerances in common coordinates, whether atol was given, and the most steps.
 
-    If atol was asked for, no wider gap counts as closed.
+    If atol was given, no wider gap counts as closed.
     """
 
     atol: Array
@@ -56,7 +56,7 @@ class WantedGap(NamedTuple):
 
 
 def wanted_gap(corners: Sequence[tuple[Any, Any]], frame: Frame, method: BranchAndBound, floor: Any) -> WantedGap:
-    """What a method asks for; by default the tolerance of shapes with these corners, but at least the floor."""
+    """Return the tolerances of a method; the default fits shapes with these corners and is at least the floor."""
     xp: Any = jnp if is_traced(corners, frame, method) else np
     dtype = corners[0][0].dtype
     default = method.atol is None
@@ -66,7 +66,7 @@ def wanted_gap(corners: Sequence[tuple[Any, Any]], frame: Frame, method: BranchA
 
 
 class ClosestState(NamedTuple):
-    """The table sorted by lower bound (free places have an infinite one), and what is known beside it."""
+    """A table of pairs sorted by lower bound (infinite for free slots), with the best pair and counts."""
 
     lower: Array
     cell: Cell
@@ -79,7 +79,7 @@ class ClosestState(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """What a search has proven and found: the best pair, the lower bound, and how many pairs wait.
+    """Bounds and best pair that a search has reached, and the number of waiting pairs.
 
     Args:
         best: the nearest pair of points found.
@@ -111,7 +111,7 @@ class Outcome(NamedTuple):
 
     @classmethod
     def like(cls, dtype: Any, parameters: int, dim: int) -> "Outcome":
-        """Shapes and types of the outcome for nets with so many parameters together."""
+        """Return shapes and types of the outcome for nets with this total number of parameters."""
         number: Any = lambda *shape: jax.ShapeDtypeStruct(shape, dtype)  # noqa: E731
         whole: Any = jax.ShapeDtypeStruct((), jnp.result_type(int))
         best = BestPair(number(), number(), whole, whole, number(parameters))
@@ -119,7 +119,7 @@ class Outcome(NamedTuple):
         return cls(best, number(), number(), number(dim), number(dim), like_result(), stats)
 
     def solution(self, frame: Frame) -> MinimumSolution:
-        """What is handed to the user, in the coordinates that the frame leads back to."""
+        """Return the solution in the user's coordinates, to which the frame leads back."""
         value, lower = frame.length(self.best.distance), frame.length(self.lower, 0.0)
         upper, result = frame.length(self.upper, np.inf), self.result
         if is_traced(frame.usable):
@@ -131,12 +131,12 @@ class Outcome(NamedTuple):
 
 
 def pairs_of(counts: tuple[int, ...]) -> np.ndarray:
-    """All pairs of so many pieces, in rows."""
+    """Return all pairs of indices of pieces, in rows; `counts` are the numbers of pieces."""
     return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def begin(problem: Parametric, pairs: Array, valid: Array, capacity: int) -> ClosestState:
-    """The table with some pairs of whole pieces, and a first distance, between corners of pieces."""
+    """Return the table with some pairs of whole pieces, and a first distance, between corners of pieces."""
     a, b = problem[:2]
     n = a.parameters + b.parameters
     k, m = pairs[:, 0], pairs[:, 1]
@@ -162,7 +162,7 @@ def begin(problem: Parametric, pairs: Array, valid: Array, capacity: int) -> Clo
 
 
 def table_of(lower: Array, cell: Cell, axis: Array, best: BestPair, capacity: int) -> ClosestState:
-    """The table with these pairs of cells."""
+    """Return the table with these pairs of cells."""
     count, dtype = lower.shape[0], lower.dtype
     lower, cell, axis = jax.tree_util.tree_map(partial(_padded, capacity), (lower, cell, axis))
     lower = jnp.where(np.arange(lower.size) < count, lower, jnp.inf)
@@ -178,7 +178,7 @@ def _padded(capacity: int, x: Array) -> Array:
 
 
 def gaps(a: Net, b: Net, k: Array, m: Array) -> Array:
-    """Lower bounds of the distances of whole pieces, by the boxes of their control points."""
+    """Return lower bounds of the distances of whole pieces, by the boxes of their control points."""
     lows = [jnp.min(net.points, axis=(-3, -2)) for net in (a, b)]
     highs = [jnp.max(net.points, axis=(-3, -2)) for net in (a, b)]
     apart = jnp.maximum(jnp.maximum(lows[0][k] - highs[1][m], lows[1][m] - highs[0][k]), 0.0)
@@ -187,41 +187,41 @@ def gaps(a: Net, b: Net, k: Array, m: Array) -> Array:
 
 
 def room_for(pairs: int, capacity: int) -> int:
-    """The length of a table that holds so many pairs and the halves of those that a step takes."""
+    """Return the length of a table that holds `pairs` pairs and the halves that a step adds."""
     return max(capacity, 4 * WIDTH, 1 << (2 * pairs - 1).bit_length())
 
 
 def reached_by(state: ClosestState) -> Reached:
-    """What a table has reached."""
+    """Return the bounds and the best pair that a table has reached."""
     lower = jnp.minimum(jnp.minimum(state.lower[0], state.settled), state.best.upper)
     return Reached(state.best, lower, jnp.sum(jnp.isfinite(state.lower)), state.lost, state.steps, state.pairs)
 
 
 def tolerance_of(problem: PairProblem, wanted: WantedGap, best: BestPair) -> Array:
-    """The gap that closes the search: what is asked for, or what rounding leaves."""
+    """Return the gap that closes the search: the requested gap, or the rounding error if that is larger."""
     found = jnp.where(jnp.isfinite(best.upper), best.upper, 0.0)
     return jnp.maximum(jnp.maximum(wanted.atol, wanted.rtol * found), problem.floor)
 
 
 def is_open(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
-    """Whether there are pairs that may hold a distance smaller by more than the tolerance."""
+    """Return whether there are pairs that may hold a distance smaller by more than the tolerance."""
     return state.lower[0] < close_enough(problem, wanted, state.best)
 
 
 def is_hopeless(
     problem: PairProblem, wanted: WantedGap, reached: Reached, power: float = 0.5, factor: float = _HOPELESS
 ) -> Array:
-    """Whether a family of nearest pairs needs far more steps than are left.
+    """Return whether non-isolated nearest pairs need far more steps than are left.
 
-    The number of its pairs grows like a power of the inverse of the gap, at least like the root if the bounds are of
-    second order in the size of the cells: that is so over a curve of them.
+    The number of pairs grows like a power of the inverse of the gap. With bounds of second order in the size of the
+    cells it grows at least like the root, which is the case of a curve of nearest pairs.
 
     Args:
         problem: the pair of shapes.
         wanted: tolerances, and the most steps.
         reached: what the search has reached.
-        power: the power of the inverse of the gap like which the number of pairs grows.
-        factor: the search is given up if it seems to need more than so many times the steps that are left.
+        power: exponent of this growth.
+        factor: the search is hopeless if it seems to need more than this multiple of the remaining steps.
     """
     late, upper = reached.steps >= jnp.maximum(wanted.most // 2, _LATE), reached.best.upper
     gap = jnp.where(jnp.isfinite(upper), upper - reached.lower, 0.0)
@@ -230,7 +230,7 @@ def is_hopeless(
 
 
 def is_full(state: ClosestState) -> Array:
-    """Whether the next step may find no room."""
+    """Return whether the next step may find no room."""
     return jnp.isfinite(state.lower[state.lower.size - WIDTH])
 
 
@@ -241,7 +241,7 @@ def _is_going(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> A
 def advance(
     problem: PairProblem, wanted: WantedGap, state: ClosestState, limit: Array | int, growing: Array | bool = False
 ) -> ClosestState:
-    """Goes on until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
+    """Advance until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
 
     def going_on(state: ClosestState) -> Array:
         return _is_going(problem, wanted, state) & (state.steps < limit) & ~(jnp.asarray(growing) & is_full(state))
@@ -251,6 +251,7 @@ def advance(
 
 
 def _step(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> ClosestState:
+    """Cut the first WIDTH pairs in two, bound the halves, and merge the open ones into the sorted table."""
     capacity = state.lower.size
     taken, lower, axis = jax.tree_util.tree_map(lambda x: x[:WIDTH], (state.cell, state.lower, state.axis))
     halves, before = halves_of(taken, axis), jnp.concatenate([lower, lower])
@@ -279,7 +280,7 @@ def _step(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Close
 
 
 def halves_of(taken: Cell, axis: Any) -> Cell:
-    """The first halves of cells, cut along an axis each, and then the second ones."""
+    """Return the first halves of cells, each cut along its axis, followed by the second halves."""
     xp: Any = module_of(axis)
     middle = 0.5 * (taken.low + taken.high)
     cut = np.arange(taken.low.shape[-1]) == axis[:, None]
@@ -292,12 +293,12 @@ def halves_of(taken: Cell, axis: Any) -> Cell:
 
 
 def raised(found: PairBound, halves: Cell, before: Any, best: BestPair) -> tuple[BestPair, Any]:
-    """The nearest pair found so far, and lower bounds of halves that are not below those of the whole cells.
+    """Return the nearest pair found so far, and lower bounds of halves, raised to the bounds of the whole cells.
 
     Args:
         found: the bounds of the halves.
         halves: the halves.
-        before: the lower bounds of the whole cells; infinite for a free place of a table.
+        before: the lower bounds of the whole cells; infinite for a free slot of a table.
         best: the nearest pair before.
     """
     xp: Any = module_of(before)
@@ -307,13 +308,13 @@ def raised(found: PairBound, halves: Cell, before: Any, best: BestPair) -> tuple
     new = BestPair(upper[i], found.distance[i], halves.piece_a[i], halves.piece_b[i], found.x[i])
     better = upper[i] < best.upper
     best = BestPair(*(xp.where(better, x, y) for x, y in zip(new, best, strict=True)))
-    # Where something overflowed nothing is known but what the whole cell had.
+    # If something overflowed, only the bound of the whole cell is known.
     lowers = xp.where(xp.isnan(found.lower), before, xp.maximum(found.lower, before))
     return best, xp.where(valid, lowers, xp.inf)
 
 
 def news_of(problem: PairProblem, wanted: WantedGap, state: ClosestState, growing: Array) -> Array:
-    """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
+    """Return four numbers: whether it goes on, whether it stopped for lack of room, steps, and waiting pairs."""
     going_on = _is_going(problem, wanted, state)
     full = going_on & jnp.asarray(growing) & is_full(state)
     return jnp.stack([going_on, full, state.steps, jnp.sum(jnp.isfinite(state.lower))])
@@ -322,7 +323,7 @@ def news_of(problem: PairProblem, wanted: WantedGap, state: ClosestState, growin
 def outcome(
     wanted: WantedGap, reached: Reached, best: BestPair, ends: tuple[Any, Any], points: tuple[Any, Any], floor: Any
 ) -> Outcome:
-    """The outcome of the search as it stands, with the bounds and nearest points, and what rounding leaves."""
+    """Return the outcome of the search as it stands; `floor` is the gap that rounding leaves."""
     lower, upper = ends
     relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
     granted = jnp.maximum(jnp.maximum(wanted.atol, relative), jnp.where(wanted.given, 0.0, 2 * floor))
@@ -343,7 +344,7 @@ def in_one_go(
     wanted: WantedGap,
     max_steps: int,
 ) -> Outcome:
-    """All in one program; of a batch the searches run one after the other on a CPU, side by side elsewhere."""
+    """Run the search in one compiled function; a batch runs sequentially on a CPU, in parallel elsewhere."""
 
     def search(problem: PairProblem, wanted: WantedGap) -> Outcome:
         return ended(problem, wanted, reached_by(advance(problem, wanted, begun(problem), max_steps)))
@@ -354,12 +355,12 @@ def in_one_go(
 
 
 def may_grow(state: ClosestState) -> bool:
-    """Whether a longer table would not fill the memory."""
+    """Return whether a longer table would not fill the memory."""
     return state.lower.size < _LONGEST
 
 
 def longer(state: ClosestState) -> ClosestState:
-    """The same table with more room."""
+    """Return the table with more room."""
     size = _GROWTH * state.lower.size
     lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
     cell, axis = jax.tree_util.tree_map(partial(_padded, size), (state.cell, state.axis))
@@ -367,5 +368,5 @@ def longer(state: ClosestState) -> ClosestState:
 
 
 def close_enough(problem: PairProblem, wanted: WantedGap, best: BestPair) -> Array:
-    """The bound from which on pairs cannot hold a distance smaller by more than the tolerance."""
+    """Return the bound from which on pairs cannot hold a distance smaller by more than the tolerance."""
     return best.upper - _CLOSE * tolerance_of(problem, wanted, best)

@@ -1,7 +1,7 @@
 """Minimum distances of triangle meshes: the search from the host, and derivatives of its result.
 
-Point sets and polylines are meshes of degenerate triangles, so they are served too. Meshes are surfaces and not the
-solids that they may bound: for a mesh inside another one, the result is the distance of the surfaces.
+Point sets and polylines are meshes of degenerate triangles, so they are served too. Meshes are surfaces, not solids:
+for a mesh inside another one, the result is the distance of the surfaces.
 
 The derivative is the derivative of the distance between the features that hold the nearest points: two points, a point
 and a line, a point and a plane, or two lines. So it is right to any order if the points stay on these features.
@@ -38,7 +38,7 @@ from jhd.progress import Callback
 
 
 def as_mesh(shape: Any) -> TriangleMesh | None:
-    """A shape as a mesh of triangles, degenerate ones for points and segments; None where it is no union of them."""
+    """Return a shape as a mesh of triangles, degenerate for points and segments; None for other shapes."""
     if isinstance(shape, TriangleMesh):
         return shape
     if not isinstance(shape, AbstractCurve):
@@ -53,9 +53,9 @@ def as_mesh(shape: Any) -> TriangleMesh | None:
 
 
 def of_meshes(a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
-    """Minimum distance of two meshes, with derivatives in both; under tracing it is searched from the host as well."""
+    """Return the minimum distance of two meshes, differentiable in both; under tracing the host searches, too."""
     first, second = undifferentiated((a, b))
-    # Inside jit all operations are traced, those on known numbers too.
+    # Inside jit all operations are traced, also on known numbers.
     if is_tracing(first, second, method):
         found = from_program(_searched, partial(_unusable, a.vertices.dtype), (first, second), method)
     else:
@@ -84,7 +84,7 @@ class _TrianglePlace(NamedTuple):
 
 
 class _FoundPair(NamedTuple):
-    """A solution in the user's unit, and where it is attained."""
+    """A solution in the user's unit, and the triangles and features that attain it."""
 
     solution: MinimumSolution
     place: _TrianglePlace
@@ -103,7 +103,7 @@ class _FoundPair(NamedTuple):
 
 
 def _unusable(dtype: Any) -> _FoundPair:
-    """What is answered about meshes that hold a NaN, and the form of every answer."""
+    """Return the result for meshes that contain a NaN. Every result has its structure."""
     zero, infinite, nowhere = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype), jnp.full(3, jnp.nan, dtype)
     stats = {"steps": jnp.array(0), "exact": jnp.array(0)}
     solution = MinimumSolution(infinite, zero, infinite, nowhere, nowhere, RESULTS.nonfinite_value, stats)
@@ -111,11 +111,11 @@ def _unusable(dtype: Any) -> _FoundPair:
 
 
 class TriangleSearch(AbstractSearch):
-    """The search of jhd._distance.search.tree_pairs, which is its own state: what is left to do whatever interrupts it.
+    """The search of jhd._distance.search.tree_pairs. The object is its own state, consistent after any interruption.
 
     Args:
         a: the first mesh, its numbers known.
-        b: the second one, likewise.
+        b: the second mesh, its numbers known.
         method: the options.
     """
 
@@ -142,7 +142,7 @@ class TriangleSearch(AbstractSearch):
 
     @override
     def longer(self, state: PairSearch) -> PairSearch:
-        """It takes the room that it needs."""
+        """Return the state unchanged: it grows when needed."""
         return state
 
     def _found(self, state: PairSearch) -> _FoundPair:
@@ -167,7 +167,7 @@ class TriangleSearch(AbstractSearch):
         return _FoundPair(solution, _TrianglePlace(best.triangles, weights))
 
     def _bounds(self, state: PairSearch) -> tuple[Any, Any]:
-        """The bounds in the user's unit: those of the nearest pair measured, unless others may be nearer."""
+        """Return the bounds in the user's unit: of the nearest pair measured, unless others may be nearer."""
         dtype = self._sides[0].corners.dtype
         low, high = root_between(state.best.nearest.square)
         lower, upper = float_below(low, dtype), float_above(high, dtype)
@@ -177,10 +177,10 @@ class TriangleSearch(AbstractSearch):
 
 
 def _allowed(sides: tuple[MeshBoxes, MeshBoxes], method: BranchAndBound) -> AllowedGap:
-    """The gap that is allowed at an upper bound, in the common unit."""
+    """Return the gap that is allowed at an upper bound, in the common unit."""
     corners, dtype = [side.corners.astype(np.float64) for side in sides], sides[0].corners.dtype
     size = float(diagonal([extremes(x) for x in corners]))
-    # What rounding leaves where not all pairs can be measured exactly.
+    # Gap that rounding leaves if not all pairs can be measured exactly.
     floor = gamma(256, dtype) * size
     atol = default_tolerance(size, dtype, floor)
     if method.atol is not None:
@@ -189,16 +189,17 @@ def _allowed(sides: tuple[MeshBoxes, MeshBoxes], method: BranchAndBound) -> Allo
 
 
 def _places(corners: np.ndarray, weights: tuple[Fraction, ...], dtype: np.dtype) -> np.ndarray:
-    """The point at exact barycentric coordinates, rounded once."""
+    """Return the point at exact barycentric coordinates, rounded once."""
     rows = [[Fraction(float(x)) for x in corner] for corner in corners]
     place = [sum((w * row[k] for w, row in zip(weights, rows, strict=True)), Fraction(0)) for k in range(3)]
     return np.array([float_near(x, dtype) for x in place])
 
 
 def _moving(rows: list[Array], constants: tuple[Array, Array]) -> MovingNumbers:
-    """Distance and nearest points of the features that the corners of positive weight span, as functions of these.
+    """Return distance and nearest points of the features that the corners of positive weight span.
 
-    At most two directions are free: of p + x d - (q + y e) the part that they cannot change is the distance.
+    The result is a function of these corners. At most two directions d, e are free: the distance is the part of p + x d
+    - (q + y e) that x and y cannot change.
     """
     value, weights = constants
     corners, active = jnp.stack(rows), weights > 0
@@ -222,7 +223,7 @@ def _moving(rows: list[Array], constants: tuple[Array, Array]) -> MovingNumbers:
 
 
 def _apart(e: Array, directions: Array, free: Array) -> tuple[Array, Array]:
-    """The distance of e from zero along the free directions, and how far to go along them."""
+    """Return the distance of e from zero along the free directions, and how far to go along them."""
     u, v = (jnp.where(here, d, 0.0) for here, d in zip(free, directions, strict=True))
     normal = jnp.cross(u, v)
     a, b, c, d, f = u @ u, u @ v, v @ v, u @ e, v @ e
@@ -232,6 +233,6 @@ def _apart(e: Array, directions: Array, free: Array) -> tuple[Array, Array]:
     both = jnp.stack([b * f - c * d, b * d - a * f]) / safe
     one = jnp.stack([-d / jnp.where(a > 0, a, 1.0), jnp.zeros_like(a)])
     height = jnp.sum(e * normal) / jnp.sqrt(safe)
-    # With the normal the distance keeps its digits where the points are close.
+    # With the normal the distance keeps its digits if the points are close.
     distance = jnp.where(face, jnp.where(height < 0, -height, height), length(e + one[0] * u))
     return distance, jnp.where(face, both, one)

@@ -38,31 +38,31 @@ from jhd._shapes.curve import BezierSegments
 
 # Cells bounded in one step: two waste the vector units, eight bound cells that the first four would have closed.
 LANES = 4
-# Newton steps of a foot from where its search starts.
+# Newton steps for a foot from the start of its search.
 _SEED_STEPS = 3
-# Segments of a long curve whose cells are made side by side.
+# Segments of a long curve whose cells are made in one batch.
 _CHUNK = 4096
-# Newton steps from the peak to the parameter beside a joint.
+# Newton steps from the peak to the parameter nearest to a joint.
 _JOINT_STEPS = 2
-# Distance of a joint in units of the distance at the peak below which cells are cut beside the joint.
+# Distance of a joint, in units of the distance at the peak, below which cells are cut next to the joint.
 _BESIDE = 0.5
 # A parameter this near to an end of the cell, as a fraction of its width, is the end up to rounding.
 _AT_END = 1e-6
-# A peak nearer than this share of the cell to an end does not serve as a cut; the middle does.
+# A peak closer to an end than this fraction of the cell does not serve as a cut; the middle does.
 _NEAR_END = 0.02
-# Least gap in units of the error of the common coordinates: both bounds take it, and those of the cells as much again.
+# Least gap, in units of the error of the common coordinates: used in both bounds, and again in the bounds of cells.
 _FLOOR = 8
 
 
 class _Tolerances(NamedTuple):
-    """What was asked for, in the common coordinates, and what can be reached."""
+    """Requested tolerances in common coordinates, and the smallest gap that can be reached."""
 
     atol: Array
     rtol: Array
     floor: Array
 
     def wanted(self, distance: Array) -> Array:
-        """The tolerance at a distance."""
+        """Return the tolerance at a distance."""
         return jnp.maximum(self.atol, self.rtol * distance)
 
 
@@ -82,24 +82,24 @@ class CurveTable(NamedTuple):
     upper: Array  # -inf where free
 
     def cells(self, rows: Array) -> CurveCell:
-        """Some of the cells."""
+        """Return the cells of some rows."""
         whole, real = self.whole[rows], self.real[rows]
         return CurveCell(whole[:, 0], real[:, 0], real[:, 1], whole[:, 1], real[:, 2], whole[:, 2], real[:, 3])
 
     def longer(self, more: int) -> "CurveTable":
-        """The table with more room."""
+        """Return the table with more room."""
         whole, real = (jnp.pad(x, ((0, more), (0, 0))) for x in self[:2])
         return CurveTable(whole, real, jnp.pad(self.upper, (0, more), constant_values=-jnp.inf))
 
 
 def _rows(cell: CurveCell, upper: Array) -> CurveTable:
-    """A table of these cells."""
+    """Return a table of these cells."""
     whole, real = (cell.segment, cell.k0, cell.k1), (cell.t0, cell.t1, cell.s0, cell.s1)
     return CurveTable(jnp.stack(whole, axis=1), jnp.stack(real, axis=1), upper)
 
 
 class CurveState(NamedTuple):
-    """A search: its table of cells, and what it has proven and found so far."""
+    """State of a search: its table of cells, and the bounds and points found so far."""
 
     table: CurveTable
     lower: Array
@@ -108,7 +108,7 @@ class CurveState(NamedTuple):
     foot: CurvePlace
     closed: Array  # largest upper bound of the cells that were closed or dropped
     dropped: Array
-    pending: CurvePlace  # a place of a to be measured in the first step
+    pending: CurvePlace  # a point of a to be measured in the first step
     steps: Array
 
     @property
@@ -123,20 +123,20 @@ class CurveState(NamedTuple):
 
 
 def unfinished(a: BezierSegments, near: NearCurve, wanted: Wanted, state: CurveState) -> Array:
-    """Whether more steps would serve what is wanted."""
+    """Return whether more steps would improve the requested bounds."""
     above = jnp.max(state.table.upper) > _goal(_tolerances(a, near.curve, wanted), wanted.aim, state.lower)
     return above & (state.lower <= wanted.aim.ceiling)
 
 
 def _goal(tolerances: _Tolerances, aim: Aim, lower: Array) -> Array:
-    """Cells with upper bounds up to this one are closed."""
+    """Return the upper bound up to which cells are closed."""
     return jnp.maximum(aim.level, lower + jnp.maximum(tolerances.floor, tolerances.wanted(lower)))
 
 
 def advance(
     a: BezierSegments, near: NearCurve, wanted: Wanted, state: CurveState, limit: ArrayLike, growing: ArrayLike = False
 ) -> CurveState:
-    """Goes on until what is wanted is reached, or the limit of steps; `growing` stops before the table is full."""
+    """Advance until the goal or the limit of steps is reached; `growing` also stops before the table is full."""
     b = near.curve
     error, tolerances, aim = evaluation_error(a, b), _tolerances(a, b, wanted), wanted.aim
 
@@ -150,7 +150,7 @@ def advance(
         found = jax.vmap(lambda c: cell_upper_bound(a, b, c, near.runs))(taken)
         upper = jnp.minimum(uppers, found.upper + error)
         live = upper > _goal(tolerances, aim, state.lower)
-        # The most promising place is measured where it can raise the lower bound.
+        # The most promising point is measured if it can raise the lower bound.
         hope = jnp.where(live, found.distance, -jnp.inf)
         best = jnp.argmax(hope)
         first = state.steps == 0
@@ -175,7 +175,7 @@ def advance(
 
 
 def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: CurveState) -> HausdorffSolution:
-    """The solution that a search stands at."""
+    """Return the solution of a search as it stands."""
     b, dtype = near.curve, a.control_points.dtype
     tolerances, upper = _tolerances(a, b, wanted), state.upper
     found = refined(a, near, SearchedPlace(state.at, state.foot, state.value, state.lower, upper))
@@ -190,7 +190,7 @@ def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: Curve
 
 
 def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> CurveState:
-    """One cell for each segment of a, with feet found from samples of b and a first upper bound."""
+    """Return the first state: one cell a segment of a, feet found from samples of b, and first upper bounds."""
     if isinstance(near.guide, Blocks):
         return _begin_long(a, near, wanted, capacity)
     b, dtype = near.curve, a.control_points.dtype
@@ -205,7 +205,7 @@ def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> 
     at = jnp.argmax(distance)
     pending = CurvePlace(at // 2, (at % 2).astype(dtype))
     none = jnp.array(-jnp.inf, dtype)
-    # Until a place is measured it is its own witness.
+    # Until a point is measured it is its own witness.
     foot = CurvePlace(k.ravel()[at], s.ravel()[at])
     return CurveState(table, zeros[0], none, pending, foot, none, jnp.array(False), pending, jnp.array(0))
 
@@ -221,10 +221,10 @@ def _first_foot(b: BezierSegments, point: Array, start: CurvePlace) -> tuple[Arr
 
 
 def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> CurveState:
-    """The same for many segments.
+    """Return the first state for a curve with many segments.
 
-    The place that seems the farthest is measured, so that only cells with larger bounds come into the table; those that
-    do not fit are folded into the bound of all.
+    The point that seems farthest is measured, so that only cells with larger bounds enter the table. Cells that do not
+    fit are folded into the bound of the search.
     """
     b, dtype = near.curve, a.control_points.dtype
     error, skip = evaluation_error(a, b), repeated(a.control_points, a.weights)
@@ -255,7 +255,7 @@ def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: in
 
 
 def _largest(table: CurveTable) -> tuple[CurveCell, Array, CurveTable]:
-    """The cells with the largest upper bounds, and the table without them."""
+    """Return the cells with the largest upper bounds, and the table without them."""
     # In single precision, which is thirty times faster on CPU; the order need not be exact.
     _, index = jax.lax.top_k(table.upper.astype(jnp.float32), LANES)
     return table.cells(index), table.upper[index], table._replace(upper=table.upper.at[index].set(-jnp.inf))
@@ -264,7 +264,7 @@ def _largest(table: CurveTable) -> tuple[CurveCell, Array, CurveTable]:
 def _beside_joints(
     a: BezierSegments, b: BezierSegments, cut: Array, cells: CurveCell, found: CurveBound
 ) -> tuple[Array, Array]:
-    """The cuts, moved beside the joint of the two segments that carry the feet if it is much nearer than the peak.
+    """Move the cuts next to the joint of the two segments that carry the feet, if it is much nearer than the peak.
 
     Each branch ends at the joint, so its bound is exact on its own side only. Cut elsewhere, the bound of the cell that
     holds the joint falls no faster than the width of the cell.
@@ -299,7 +299,7 @@ def _pushed(
     mine: Array,
     measured: NearestOnCurve,
 ) -> CurveState:
-    """Cuts the cells, gives the cuts their feet, and puts the halves that are still above the goal into the table."""
+    """Cut the cells, give the cuts their feet, and put the halves that are above the goal into the table."""
     b, width = near.curve, cell.t1 - cell.t0
     at_left = found.t <= cell.t0 + _NEAR_END * width
     at_right = found.t >= cell.t1 - _NEAR_END * width
@@ -313,7 +313,7 @@ def _pushed(
         best = jnp.argmin(jnp.sum((feet - point) ** 2, axis=-1))
         return ks[best], ss[best]
 
-    # The proven foot is offered to all cells: several of them may follow the same wrong one.
+    # The proven foot is offered to all cells: several of them may follow the wrong foot.
     proven = (jnp.full_like(cell.k0, measured.segment), jnp.full_like(cell.s0, measured.t))
     starts = [
         jnp.stack(x, axis=1) for x in ((found.k, cell.k0, cell.k1, proven[0]), (found.s, cell.s0, cell.s1, proven[1]))
@@ -334,8 +334,8 @@ def _pushed(
         k1=jnp.where(at_right, peak_k, cell.k1),
         s1=jnp.where(at_right, peak_s, cell.s1),
     )
-    # A peak above the lower bound at an end whose foot is not proven may be that of a wrong foot, and would stay one in
-    # ever smaller cells: such a cell waits uncut until it is its turn to be measured.
+    # A peak above the lower bound at an end with an unproven foot may belong to a wrong foot, and would stay in ever
+    # smaller cells: such a cell waits uncut until it is its turn to be measured.
     waits = ~inside & ~at_joint & (found.distance > state.lower) & ~mine
     end = (jnp.where(waits, old, new) for old, new in ((cell.t1, cut), (cell.k1, k), (cell.s1, s)))
     left = cell._replace(**dict(zip(("t1", "k1", "s1"), end, strict=True)))
@@ -349,7 +349,7 @@ def _pushed(
     _, slots = jax.lax.top_k(-state.table.upper.astype(jnp.float32), 2 * LANES)
     whole, real, upper = state.table
     old = CurveTable(whole[slots], real[slots], upper[slots])
-    # Where the table is full the smaller bound of the two makes room: it is folded into the result.
+    # If the table is full the smaller bound of the two makes room: it is folded into the result.
     stays = old.upper >= new.upper
     lost = jnp.max(jnp.minimum(old.upper, new.upper))
     rows = (jnp.where(stays[:, None], x, y) for x, y in zip(old[:2], new[:2], strict=True))

@@ -49,13 +49,13 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import BezierPatches
 from jhd._shapes.prepared import prepared
 
-# What cannot be told in the search over an implicit surface, in units of roundoff of the common coordinates.
+# Resolution of the search over an implicit surface, in units of roundoff of the common coordinates.
 _ULPS = 512
 # The size of points, in units of a surface, from which on their common box is the unit; by the bytes of a number.
 _FAR = {8: 2.0**400, 4: 2.0**40}
-# Points of the first step; each step takes twice as many, up to what is best for the target.
+# Points of the first step; each step takes twice as many, up to the best number for the target.
 _FIRST = 32
-# What is counted: steps, points, and points that were measured.
+# Counts: steps, points, and points that were measured.
 _POINT_COUNTS = "steps", "points", "measured"
 # Steps of the first stretch.
 _FIRST_STEPS = 16
@@ -70,10 +70,10 @@ def mixed_directed(
 
     Args:
         a: points, BezierSegments, BezierPatches, an ImplicitSurface or a TriangleMesh; in space unless both are points.
-        b: likewise.
+        b: a shape of these kinds.
         method: the options.
-        aim: what of the distance matters.
-        listener: that of the call; not under tracing.
+        aim: range of distances that matter.
+        listener: listener of the call; not under tracing.
         direction: a member of DIRECTIONS.
 
     Raises:
@@ -90,7 +90,7 @@ def mixed_directed(
 def _directed(
     a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
 ) -> HausdorffSolution:
-    # Inside jit all operations are traced, those on known numbers too.
+    # Inside jit all operations are traced, also on known numbers.
     if not is_tracing(a, b, method, aim):
         return drive(_search(a, b, method, aim), listener, direction)
     refused = _form(a, b).refused
@@ -110,7 +110,7 @@ def _search(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> AbstractSearch:
     if not is_points(a):
         return _farthest(a, b, method, aim)
     points, target = np.asarray(a.control_points)[:, 0], target_of(b)
-    # Bounds that are always those of rounding need no tolerance.
+    # Targets whose bounds differ by rounding only need no tolerance.
     atol = 0.0 if target.sharp else float(default_tolerance(diagonal_of(a, b), points.dtype, 0.0))
     atol = atol if method.atol is None else float(method.atol)
     allowed = AllowedGap(atol, float(method.rtol), target.rounding, method.atol is not None)
@@ -121,10 +121,10 @@ class Together(NamedTuple):
     """Two shapes in common coordinates: nets, sides of polynomials, or corners of triangles and points.
 
     Args:
-        a: the one.
-        b: the other.
-        frame: leads back.
-        moved: by how much the coordinates may misplace both.
+        a: the first shape.
+        b: the second shape.
+        frame: leads back to the user's coordinates.
+        moved: bound on the error of the coordinates of both.
     """
 
     a: Any
@@ -151,7 +151,7 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
 def _followed(
     a: Any, b: Any, pair: Together, target: AbstractTarget
 ) -> tuple[About, FollowedFeet | None, FollowedGraphs | FollowedOnSurface | None]:
-    """What follows feet of places, and bounds by feet that are followed on pieces of b, over those of a or graphs."""
+    """Return objects that follow feet: of a point, and over cells of pieces and of graphs (both may be None)."""
     first, second = _pieces(a, pair.a), _pieces(b, pair.b)
     feet_on = pair.b if isinstance(pair.b, Side) else None if second is None else padded_pieces(second)
     if first is None:
@@ -164,7 +164,7 @@ def _followed(
 
 
 def heights_of(a: Any, b: Any, pair: Together, target: AbstractTarget) -> CellHeights | None:
-    """Bounds over cells of a by heights above b, where one of them is curved."""
+    """Return bounds over cells of a by heights above b, or None if neither shape is curved."""
     first, second = _pieces(a, pair.a), _pieces(b, pair.b)
     curved = isinstance(first, Net) or isinstance(second, Net)
     return None if first is None or second is None or not curved else CellHeights(first, second, target)
@@ -177,11 +177,11 @@ def _pieces(shape: Any, moved: Any) -> Net | Triangles | None:
 
 
 def together(a: Any, b: Any) -> Together:
-    """Both in common coordinates; where one is an implicit surface all but its own move without rounding."""
+    """Return both shapes in common coordinates; with an implicit surface only points and vertices are rounded."""
     if not any(isinstance(x, ImplicitSurface) for x in (a, b)):
         p, q, frame, moved = prepare_nets(_net(a), _net(b))
         return Together(_common(a, p, frame), _common(b, q, frame), frame, moved)
-    # Points so far away that their squares overflow beside the surface share its coordinates; it may vanish there.
+    # Points so far away that their squares overflow next to the surface share its coordinates; it may vanish there.
     p, q, frame = prepare_surfaces(*(_net(x) for x in ((a, a) if is_points(b) else (a, b))))
     rows = [np.asarray(x.control_points) for x in (a, b) if is_points(x)]
     if rows and np.max(np.abs(common_points(frame, rows[0]))) > _FAR[rows[0].dtype.itemsize]:
@@ -194,7 +194,7 @@ def together(a: Any, b: Any) -> Together:
 
 
 def _net(shape: Any) -> Any:
-    """What a frame is made for: an implicit surface itself, the box of points and meshes, the net of others."""
+    """Return the shape that sets the frame: an implicit surface itself, boxes of points and meshes, else nets."""
     if isinstance(shape, ImplicitSurface):
         return shape
     if isinstance(shape, TriangleMesh):
@@ -203,7 +203,7 @@ def _net(shape: Any) -> Any:
 
 
 def _common(shape: Any, moved: Any, frame: Frame) -> Any:
-    """A shape in common coordinates: what the frame has moved, or the points of a mesh or of a set of them."""
+    """Return a shape in common coordinates: `moved` by the frame, or the moved points of a mesh or point set."""
     if isinstance(shape, TriangleMesh):
         return common_points(frame, np.asarray(shape.vertices))
     if is_points(shape):
@@ -215,7 +215,7 @@ def _common(shape: Any, moved: Any, frame: Frame) -> Any:
 
 
 def _source(shape: Any, moved: Any) -> tuple[AbstractSource, float]:
-    """A shape in common coordinates as a source, and what rounding leaves of its bounds."""
+    """Return a shape in common coordinates as a source, and the rounding error of its bounds."""
     if isinstance(moved, Side):
         return SurfaceSource(_known(moved)), _ULPS * float(np.finfo(np.asarray(moved.lower).dtype).eps)
     if isinstance(moved, Net):
@@ -225,7 +225,7 @@ def _source(shape: Any, moved: Any) -> tuple[AbstractSource, float]:
 
 
 def target_in(shape: Any, moved: Any) -> tuple[AbstractTarget, float]:
-    """A shape in common coordinates as a target, and its largest coordinate."""
+    """Return a shape in common coordinates as a target, and its largest coordinate."""
     if isinstance(moved, Side):
         return prepared(moved)._part(SurfaceTarget), 1.0
     if isinstance(moved, Net):
@@ -243,13 +243,13 @@ def _known(side: Side) -> Any:
 
 
 def dtype_of(shape: Any) -> np.dtype:
-    """The type of a shape's real numbers."""
+    """Return the type of a shape's real numbers."""
     types = [x.dtype for x in jax.tree_util.tree_leaves(shape) if jnp.issubdtype(x.dtype, jnp.floating)]
     return np.dtype(types[0])
 
 
 def diagonal_of(*shapes: Any) -> float:
-    """Length of the diagonal of the box of all shapes."""
+    """Return the length of the diagonal of the box of all shapes."""
     ends = [[np.asarray(end, np.float64) for end in _box(shape)] for shape in shapes]
     return float(diagonal([(low, high) for low, high in ends]))
 
@@ -261,7 +261,7 @@ def _box(shape: Any) -> tuple[Any, Any]:
 
 
 def _form(a: Any, b: Any) -> AnswerForm:
-    """The form of every answer about two shapes."""
+    """Return shapes and types of every answer about two shapes."""
     places: dict[type, tuple[int, ...]] = {TriangleMesh: (3,), BezierPatches: (2,)}
     t, params = places.get(type(a), ()), places.get(type(b), ())
     feet = 2 if is_points(a) and is_points(b) else FEET
@@ -279,19 +279,19 @@ class _PointSearchState(NamedTuple):
     order: np.ndarray  # points from the farthest to the nearest, by their bounds
     bounds: np.ndarray
     measured: int
-    settled: float  # largest upper bound of those measured
+    settled: float  # largest upper bound of the measured points
     best: _Farthest | None
     steps: int
 
 
 class PointSearch(AbstractSearch):
-    """The search; its state holds the points in the order of their upper bounds.
+    """The search over points; its state holds the points in the order of their upper bounds.
 
     Args:
         points: (points, dim), known and finite.
-        target: what distances are taken to.
+        target: the shape that distances are taken to.
         allowed: the gap that may stay at a lower bound.
-        aim: what of the distance matters.
+        aim: range of distances that matter.
         max_steps: most steps.
     """
 
@@ -311,14 +311,14 @@ class PointSearch(AbstractSearch):
     def advance(self, state: _PointSearchState, limit: int, growing: bool) -> tuple[_PointSearchState, Standing]:
         while self._going(state) and state.steps < limit:
             state = self._step(state)
-        # Some point is always measured: the witness is the farthest of those that were.
+        # Some point is always measured: the witness is the farthest measured point.
         state = self._step(state) if state.best is None else state
         going = self._going(state)
         return state, Standing(self._solution(state), going, False, state.steps, len(state.order) - state.measured)
 
     @override
     def longer(self, state: _PointSearchState) -> _PointSearchState:
-        """It is never full."""
+        """Return the state unchanged: it is never full."""
         return state
 
     def _next(self, state: _PointSearchState) -> float:

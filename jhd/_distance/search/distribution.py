@@ -24,27 +24,27 @@ from jhd._distance.search.weighted_cells import AbstractMeasured
 from jhd._results.solution import RESULTS
 from jhd._runtime.arrays import joined, taken
 
-# Cells cut in a step, at most and, where there are so many, at least; and the share of the gap that they leave.
+# Cells cut in a step: at most, and at least if there are enough; and the fraction of the gap that they leave.
 _BATCH, _LEAST, _MOST_OF = 1 << 13, 64, 0.8
 # Cells are cut down to this width.
 _THIN = 2.0**-40
-# What a cell without an upper bound leaves open; sums of it stay finite.
+# Contribution to the gap of a cell without an upper bound; sums of it stay finite.
 _UNKNOWN = 1e200
 # Steps of the first stretch.
 _FIRST_STEPS = 4
-# More than the roundings of a square or root and of this factor; squares that underflow are less than what the common
-# coordinates are off by (jhd._distance.deviation).
+# Exceeds the roundings of a square or root and of this factor. Squares that underflow are less than the error of the
+# common coordinates (jhd._distance.deviation).
 _FEW = gamma(8, np.float64)
-# What is counted: steps, and cells at the end.
+# Counts: steps, and cells at the end.
 COUNTS = "steps", "cells"
 
 
 class DistanceCells(NamedTuple):
-    """Cells of a, what they measure and how far they are, in common coordinates.
+    """Cells of a with their measures and distances, in common coordinates.
 
     Args:
-        cells: which they are.
-        flat: flat pieces beside them, with their measures.
+        cells: the cells.
+        flat: flat pieces close to them, with their measures.
         over: bounds of the distance.
     """
 
@@ -66,15 +66,15 @@ class DistanceCells(NamedTuple):
 
 
 class Distribution(NamedTuple):
-    """What is known of the distance along a, in common coordinates.
+    """Bounds of the distribution of the distance along a, in common coordinates.
 
     Args:
-        lower: of the mean.
-        upper: likewise.
+        lower: lower bound of the mean.
+        upper: upper bound of the mean.
         rms: bounds of the root mean square.
         result: a member of RESULTS.
-        cells: all of a.
-        steps: that were taken.
+        cells: cells that cover all of a.
+        steps: steps taken.
     """
 
     lower: float
@@ -91,18 +91,18 @@ class _DistributionState(NamedTuple):
 
 
 class DistributionSearch(AbstractSearch):
-    """The search.
+    """The search for the distribution of the distance.
 
     Args:
-        source: the shape along which the distance is looked at.
-        target: the shape that distances are taken to, in the same coordinates.
-        dtype: of their numbers.
-        most: an upper bound of all distances, infinite where none is known.
+        source: the shape along which the distance is measured.
+        target: the shape that distances are taken to, in these coordinates.
+        dtype: type of their numbers.
+        most: an upper bound of all distances, infinite if none is known.
         allowed: the gap that may stay at an upper bound.
         max_cells: most cells.
         max_steps: most steps.
-        share: one whose quantile is to be known to the tolerance too, or None.
-        heights: bounds of the cells by heights, where the target is a curved shape.
+        share: fraction whose quantile must meet the tolerance too, or None.
+        heights: bounds of the cells by heights, if the target is a curved shape.
     """
 
     first_steps = _FIRST_STEPS
@@ -139,11 +139,11 @@ class DistributionSearch(AbstractSearch):
 
     @override
     def longer(self, state: _DistributionState) -> _DistributionState:
-        """It is never full."""
+        """Return the state unchanged: it is never full."""
         return state
 
     def _bounded(self, cells: CellRows, parents: OverCells | None) -> DistanceCells:
-        """Cells with all their bounds; those of the cells that they are parts of hold for them too."""
+        """Return cells with all their bounds; the bounds of the parents hold for them too."""
         flat = self._source.flat(cells)
         if self._source.dimension == 0:
             return DistanceCells(cells, flat, self._measured(flat.corners[:, 0], flat.slack))
@@ -154,14 +154,14 @@ class DistributionSearch(AbstractSearch):
         lower = over.lower
         if parents is not None:
             lower, upper = np.maximum(lower, parents.lower), np.minimum(upper, parents.upper)
-        # What is known everywhere holds for the means.
+        # A bound over the whole cell also bounds the mean.
         mean = np.stack([np.maximum(over.mean[:, 0], lower), np.minimum(over.mean[:, 1], upper)], axis=1)
         ends = [np.maximum(over.square[:, 0], _down(lower**2)), np.minimum(over.square[:, 1], _up(upper**2))]
         over = over._replace(lower=lower, upper=upper, mean=mean, square=np.stack(ends, axis=1))
         return DistanceCells(cells, flat, over)
 
     def _measured(self, points: np.ndarray, slack: np.ndarray) -> OverCells:
-        """The bounds at single points."""
+        """Return the bounds at single points."""
         found = self._target.nearest(points.astype(self._dtype))
         lower = _down(np.maximum(found.lower.astype(np.float64) - slack, 0.0))
         upper = np.minimum(_up(found.upper.astype(np.float64) + slack), self._most)
@@ -171,7 +171,7 @@ class DistributionSearch(AbstractSearch):
         return OverCells(lower, upper, mean, square, nothing, mean[:, None], nothing[:, None])
 
     def _found(self, state: _DistributionState) -> tuple[Distribution, np.ndarray]:
-        """What is known, and how much each cell leaves open, in units of what is allowed."""
+        """Return the distribution so far, and the gap that each cell leaves, in units of the allowed gap."""
         table = state.table
         weights, over = table.weights, table.over
         mean = mean_bounds(weights, over.mean[:, 0], over.mean[:, 1])
@@ -191,7 +191,7 @@ class DistributionSearch(AbstractSearch):
             level = quantile_bounds(weights, table.values, self._share)
             level = level[0], min(level[1], self._most)
             if not self._closed(level):
-                # What may lie on either side of the level.
+                # Distances that may lie on either side of the level.
                 across = np.minimum(over.upper, level[1]) - np.maximum(over.lower, level[0])
                 across = np.minimum(across, np.max(over.ends[..., 1] - over.ends[..., 0], axis=1))
                 scores += np.maximum(across, 0.0) * weights.upper / (self._allowed(level[1]) * np.sum(weights.upper))
@@ -214,7 +214,7 @@ class DistributionSearch(AbstractSearch):
         return not closed and self._source.dimension > 0 and len(scores) < self._max_cells and bool(np.any(scores))
 
     def _step(self, state: _DistributionState, scores: np.ndarray) -> _DistributionState:
-        """The cells that leave most open, cut."""
+        """Cut the cells that contribute most to the gaps."""
         order = np.argsort(-scores, kind="stable")
         shares = np.cumsum(scores[order]) / np.sum(scores)
         count = min(max(int(np.searchsorted(shares, _MOST_OF)) + 1, _LEAST), _BATCH, np.count_nonzero(scores))
@@ -226,7 +226,7 @@ class DistributionSearch(AbstractSearch):
 
 
 def _left_open(weights: Weights, values: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
-    """By how much the bounds of a mean may differ for each cell: its own bounds, and those of its weight."""
+    """Return the gap of the mean that each cell causes: by its own bounds, and by the bounds of its weight."""
     middle = 0.5 * (bounds[0] + bounds[1])
     off = np.maximum(np.abs(values[:, 1] - middle), np.abs(values[:, 0] - middle))
     with np.errstate(invalid="ignore"):

@@ -24,19 +24,19 @@ from jhd._shapes.curve import BezierSegments
 
 # Steps of the first stretch, which hold all but hard pairs of curves.
 _FIRST_STEPS = 128
-# The same for surfaces, where each of those after it has a third more to do (two cones take 19 and 27 steps).
+# Steps of the first stretch for surfaces; each later step takes a third longer (two cones take 19 and 27 steps).
 _FIRST_STEPS_OF_SURFACES = 64
 # The table grows by this factor.
 _GROWTH = 4
 
 
 class CurveSearch(AbstractSearch):
-    """The search of jhd._distance.search.curves; a state is that of a table, and whether it is still to be begun in.
+    """The search of jhd._distance.search.curves; its state is a table state, and whether it has not begun yet.
 
     Args:
-        a: the curve whose farthest point is looked for, in common coordinates.
-        b: the other one.
-        wanted: what is asked for.
+        a: the curve whose farthest point is searched, in common coordinates.
+        b: the curve that distances are taken to.
+        wanted: tolerances and aim.
         direction: a member of DIRECTIONS.
         capacity: length of the table at first.
         max_steps: most steps.
@@ -51,7 +51,7 @@ class CurveSearch(AbstractSearch):
 
     @override
     def begin(self) -> tuple[CurveState, bool]:
-        """The program of the first stretch does the work."""
+        """Return an empty state: the compiled function of the first stretch does the work."""
         return _blank(self._capacity, np.dtype(self._asked[0].control_points.dtype).name), True
 
     @override
@@ -64,17 +64,17 @@ class CurveSearch(AbstractSearch):
     @override
     def longer(self, state: tuple[CurveState, bool]) -> tuple[CurveState, bool]:
         table = state[0].table
-        # Where no step was taken, cells were left out for want of room: it begins anew.
+        # If no step was taken, cells were left out for lack of room: it begins anew.
         longer = table.longer((_GROWTH - 1) * table.upper.size)
         return state[0]._replace(table=longer), int(state[0].steps) == 0
 
 
 class SurfaceSearch(AbstractSearch):
-    """The same for surfaces, whose table stays as long as it is: more of it than that hardly helps.
+    """The search for surfaces. Its table keeps its length: a longer table hardly helps.
 
     Args:
         pair: both surfaces in common coordinates.
-        wanted: what is asked for.
+        wanted: tolerances and aim.
         direction: a member of DIRECTIONS.
         capacity: length of the table.
         max_steps: most steps.
@@ -93,13 +93,13 @@ class SurfaceSearch(AbstractSearch):
     def advance(
         self, state: tuple[surface_search.SurfaceState, bool], limit: int, growing: bool
     ) -> tuple[tuple[surface_search.SurfaceState, bool], Standing]:
-        # Hard cases alone need the feet that move, and a second program.
+        # Only hard cases need the feet that move, and a second compiled function.
         table, solution, news = _surface_stretch(*self._asked, *state, limit, limit > _FIRST_STEPS_OF_SURFACES)
         return (table, False), Standing(solution, *np.asarray(news))
 
     @override
     def longer(self, state: tuple[surface_search.SurfaceState, bool]) -> tuple[surface_search.SurfaceState, bool]:
-        """It is never full."""
+        """Return the state unchanged: it is never full."""
         return state
 
 
@@ -114,7 +114,7 @@ def _stretch(
     limit: Array,
     growing: Array,
 ) -> tuple[CurveState, HausdorffSolution, Array]:
-    """Begins the search if it is fresh, goes on for some steps, and says how it stands, in four numbers."""
+    """Begin the search if it is fresh, take some steps, and return the state, the solution and four numbers."""
     capacity, near = state.table.upper.size, near_curve(b, is_long(a) or is_long(b))
     state = jax.lax.cond(fresh, lambda _: begin(a, near, wanted, capacity), lambda state: state, state)
     state = advance(a, near, wanted, state, limit, growing)
@@ -126,7 +126,7 @@ def _stretch(
 
 @lru_cache(maxsize=8)
 def _blank(capacity: int, dtype: str) -> CurveState:
-    """A state of the right shapes, to begin in."""
+    """Return a state of the right shapes, to begin in."""
     zeros: Any = np.zeros
     table = CurveTable(zeros((capacity, 3), int), zeros((capacity, 4), dtype), zeros(capacity, dtype))
     number, count = zeros((), dtype), zeros((), int)

@@ -28,30 +28,30 @@ from jhd._distance.search.sources import AbstractSource, CellRows, PlaceOfCut, P
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
 from jhd._runtime.arrays import joined, taken
 
-# Feet count together where their distances agree to this many diameters of a cell.
+# Feet count together if their distances agree to this many diameters of a cell.
 _TOGETHER = 2.0
 # Cells cut in a step, at most, and most that wait; each takes 400 bytes.
 _BATCH, _WAITING = 1 << 13, 1 << 20
-# From this number on, and for each step allowed or piece of the source from _SHARE on, cells that wait belong to a
-# family of places that are nearly as far. A cell takes up to 0.2 ms.
+# If more cells wait than this, and than _SHARE for each step allowed or piece of the source, the farthest points are
+# not isolated. A cell takes up to 0.2 ms.
 _FAMILY, _SHARE = 1 << 15, 8
-# What is counted: steps, cells bounded, and cells that wait.
+# Counts: steps, cells bounded, and cells that wait.
 COUNTS = "steps", "cells", "waiting"
-# Steps of the first stretch, and the seconds after which any of them ends with the step that it is in.
+# Steps of the first stretch, and the seconds after which any stretch ends with its current step.
 _FIRST_STEPS, _SECONDS = 24, 0.2
-# The step after which the place is first polished with all its feet; then after twice as many, and so on, or after
-# every step if so many cells wait: a step takes longer then.
+# The step after which the point is first polished with all its feet; then after twice as many, and so on, or after
+# every step if this many cells wait: a step takes longer then.
 _POLISHED_FROM, _POLISHED_MANY = 4, 256
-# Places that are measured in a step: of the cells with the largest bounds, and of those that seem farthest. Where a
-# foot that was found is not the nearest a cell and its parts keep their bounds until this shows; most searches end
-# before the step from which on that is looked for.
+# Points measured in a step: in the cells with the largest bounds, and the points that seem farthest. If a foot found is
+# not the nearest, a cell and its parts keep their bounds until this shows; most searches end before the step at which
+# this is checked.
 _PROVEN, _MENDED_FROM = 256, 16
-# The share of the tolerance that the bounds of a measured place may take.
+# Fraction of the tolerance that the bounds of a measured point may take.
 _MEASURED = 0.05
 
 
 def spread(feet: FootRows, places: np.ndarray) -> FootRows:
-    """Some feet of each cell: the nearest to the middle, and of those about as near the farthest from each other."""
+    """Return some feet for each cell: the nearest to the middle, and of the about equally near the most distant."""
     there = np.where(feet.error[..., None] < np.inf, feet.point, np.nan).astype(np.float64)
     middle = places[:, :1].astype(np.float64)
     size = np.sqrt(np.max(np.sum((places - middle) ** 2, axis=2), axis=1))
@@ -71,7 +71,7 @@ def spread(feet: FootRows, places: np.ndarray) -> FootRows:
 
 
 def put(feet: FootRows, cells: np.ndarray, rows: FootRows) -> None:
-    """One foot more for each of some cells, in place of the last one."""
+    """Write one foot for each of some cells over the last foot, in place."""
     for held, new in zip(feet, rows, strict=True):
         held[cells, -1] = new
 
@@ -91,23 +91,23 @@ class _FarthestState(NamedTuple):
     steps: int
     bounded: int
     covered: int  # pieces that the search began with
-    asked: float  # the largest distance of a place that was measured by itself
+    asked: float  # largest distance of a point that was measured alone
 
 
 class FarthestSearch(AbstractSearch):
-    """The search.
+    """The search for the farthest point of a source.
 
     Args:
-        source: the shape whose farthest place is looked for, in common coordinates.
-        target: the shape that distances are taken to, in the same.
+        source: the shape whose farthest point is searched, in common coordinates.
+        target: the shape that distances are taken to, in common coordinates.
         frame: leads back to the user's; `aim` is in their unit.
-        moved: by how much common coordinates may misplace both.
+        moved: bound on the error of the common coordinates of both.
         allowed: the gap that may stay at a lower bound.
-        aim: what of the distance matters.
+        aim: range of distances that matter.
         max_steps: most steps.
         about: see FartherPlaces.
         followed: bounds that cost more and are closer, or None.
-        graphs: the same of and on implicit surfaces, or None.
+        graphs: such bounds over cells of, or with feet on, implicit surfaces, or None.
     """
 
     first_steps = _FIRST_STEPS
@@ -153,14 +153,14 @@ class FarthestSearch(AbstractSearch):
 
     @override
     def longer(self, state: _FarthestState) -> _FarthestState:
-        """It is never full."""
+        """Return the state unchanged: it is never full."""
         return state
 
     def _goal(self, best: PlaceFound | None) -> float:
         return self._level if best is None else max(best.lower + 0.9 * self._allowed(best.lower), self._level)
 
     def _close(self, best: PlaceFound | None) -> float:
-        """By how much the bounds of a measured place may be apart."""
+        """Return the gap that the bounds of a measured point may have."""
         return _MEASURED * self._allowed(0.0 if best is None else best.lower)
 
     def _going(self, state: _FarthestState) -> bool:
@@ -169,9 +169,9 @@ class FarthestSearch(AbstractSearch):
         return 0 < waiting <= _WAITING and lower <= self._ceiling and not self._hopeless(state)
 
     def _hopeless(self, state: _FarthestState) -> bool:
-        """Whether the cells of a family of farthest places will need more room than there is before its bounds close.
+        """Return whether cells near non-isolated farthest points will exceed the capacity before the bounds close.
 
-        Their number grows like the inverse of the gap.
+        The number of cells grows like the inverse of the gap.
         """
         waiting, lower = len(state.waiting.upper), 0.0 if state.best is None else state.best.lower
         gap = self._upper(state) - max(lower, self._level)
@@ -195,7 +195,7 @@ class FarthestSearch(AbstractSearch):
     def _entered(
         self, state: _FarthestState, cells: CellRows, upper: np.ndarray, feet: FootRows | None
     ) -> _FarthestState:
-        """The state with new cells, of which bounds are known already."""
+        """Return the state with new cells with known bounds."""
         places = self._source.places(cells)
         flat = places.points.reshape(-1, 3)
         if self._target.sharp:
@@ -222,7 +222,7 @@ class FarthestSearch(AbstractSearch):
                 open_ = np.where(proven.closed, -np.inf, np.minimum(proven.upper, upper[in_cell]))
                 k = [int(np.argmax(open_))]
                 if open_[k[0]] > max(self._goal(best), state.asked + self._close(best)):
-                    # Where many points of the target are nearest that takes longer, which one place by itself may.
+                    # If many points of the target are nearest, measuring takes longer; a single point may take it.
                     alone = self._measured(best, flat[who[k]], open_[k])
                     best = self._raised(best, self._better(best, cells, places, who[k], alone))
                     state = state._replace(asked=float(open_[k[0]]))
@@ -230,10 +230,10 @@ class FarthestSearch(AbstractSearch):
         return self._kept(state, _Waiting(cells, upper, chosen))
 
     def _measured(self, best: PlaceFound | None, points: np.ndarray, seems: np.ndarray) -> ProvenFeet:
-        """Distances of places, as close as is needed where they may be farther than the best one, as they seem to be.
+        """Return nearest points, proven as close as needed for points that seem farther than the best one.
 
-        Where they do not seem so the feet may be those of a place alone, which leave its cell and the cells beside it
-        with bounds too large: the nearest ones are looked for.
+        Other points are measured completely: feet that are not the nearest leave their cell and its neighbors with
+        bounds that are too large.
         """
         least = self._level if best is None else max(best.lower + self._close(best), self._level)
         return self._target.nearest(points, np.where(seems > least, least, -np.inf), self._close(best), hasty=True)
@@ -247,7 +247,7 @@ class FarthestSearch(AbstractSearch):
         candidates: FootRows,
         feet: FootRows,
     ) -> np.ndarray:
-        """Bounds over cells, by feet that are followed where that is known, then where they matter by flat pieces."""
+        """Return bounds over cells by followed feet if possible, then, if still needed, by flat pieces and graphs."""
         goal, rows = self._goal(best), np.arange(len(upper))
         if self._followed is not None:
             order = np.argsort(np.sum((candidates.point - middle[:, None]) ** 2, axis=2), axis=1, kind="stable")
@@ -268,20 +268,20 @@ class FarthestSearch(AbstractSearch):
         return rows.map(lambda x: x.reshape(*shape, *x.shape[1:]))
 
     def _promising(self, best: PlaceFound | None, high: np.ndarray, upper: np.ndarray, mending: bool) -> np.ndarray:
-        """Places worth a proof: of the cells with the largest bounds those that seem farthest, and the farthest of all.
+        """Return indices of points worth a proof: the farthest in cells with the largest bounds, and overall.
 
         Args:
-            best: the farthest place so far.
-            high: upper bounds of the distances of the places, -inf of those that may not be of the source.
-            upper: those of the cells.
-            mending: whether cells whose places do not seem farther count too: their feet may not be the nearest.
+            best: the farthest point so far.
+            high: upper bounds of the distances of the points, -inf for points that may not lie on the source.
+            upper: upper bounds of the cells.
+            mending: whether cells whose points do not seem farther count too: their feet may not be the nearest.
         """
         place, seems = np.argmax(high, axis=1), np.max(high, axis=1)
         least = -np.inf if best is None else best.lower + self._close(best)
         matters = np.flatnonzero(upper > self._goal(best))
         worth = matters[seems[matters] > least]
         if best is None and not len(worth):
-            # Some place is always measured: the witness is the farthest of those that were.
+            # Some point is always measured: the witness is the farthest measured point.
             worth = np.flatnonzero(seems == np.max(seems))[:1]
         open_ = matters if mending and best is not None else worth
         by_bound = open_[np.argsort(-upper[open_], kind="stable")[:_PROVEN]]
@@ -290,7 +290,7 @@ class FarthestSearch(AbstractSearch):
         return chosen * high.shape[1] + place[chosen]
 
     def _kept(self, state: _FarthestState, new: _Waiting) -> _FarthestState:
-        """The state without what cannot matter any more."""
+        """Return the state without the cells that cannot matter any more, and with new ones."""
         every = new if state.waiting is None else joined([state.waiting, new])
         width = np.max(np.abs(every.cells.high - every.cells.low), axis=1, initial=0.0)
         done = (every.upper <= self._goal(state.best)) | (width <= 16 * unit_roundoff(every.cells.low.dtype))
@@ -300,7 +300,7 @@ class FarthestSearch(AbstractSearch):
     def _better(
         self, best: PlaceFound | None, cells: CellRows, places: PlacesOfCells, who: np.ndarray, found: ProvenFeet
     ) -> PlaceFound | None:
-        """The farthest place found so far, after some more were measured."""
+        """Return the farthest point found so far, after more points were measured."""
         radius = places.radius.ravel()[who]
         lower = found.lower.astype(np.float64)
         proven = np.where(np.isfinite(radius), (lower - radius) * (1 - 4e-16), -np.inf)
@@ -316,15 +316,15 @@ class FarthestSearch(AbstractSearch):
         return PlaceFound(int(cells.piece[cell]), x, point, foot, max(there, 0.0), distance, float(radius[row]))
 
     def _raised(self, before: PlaceFound | None, best: PlaceFound | None) -> PlaceFound | None:
-        """A new place moved to where its distance is largest, as long as the same foot is the nearest."""
+        """Move a new farthest point to a maximum of its distance, while its foot stays the nearest."""
         if best is None or best is before or self._followed is None:
             return best
         return self._places.with_its_foot(best, self._close(best))
 
     def _solution(self, state: _FarthestState) -> HausdorffSolution:
-        """The solution in the user's coordinates."""
+        """Return the solution in the user's coordinates."""
         best, dtype = state.best, self._frame.center.dtype
-        # Where no place is proven, some place stands for the witness.
+        # If no point is proven, an arbitrary point is the witness.
         place = best if best is not None else self._nowhere(dtype)
         upper = max(self._upper(state), place.lower)
         known = best is not None and np.isfinite(upper)
@@ -350,10 +350,10 @@ class FarthestSearch(AbstractSearch):
         return max(state.settled, float(np.max(state.waiting.upper, initial=-np.inf)))
 
     def _sharpened(self, state: _FarthestState) -> _FarthestState:
-        """The state with its place polished, after so many steps that this costs little beside them.
+        """Return the state with its farthest point polished, if it is due.
 
-        On a ridge, where two feet are as near, places of cells come no nearer to it than cells are wide, and the
-        distance falls off as fast: without this cells had to be as small as the gap.
+        On a ridge, which has two equally near feet, points of cells are as far from the ridge as cells are wide. The
+        distance falls off linearly, so without polishing the cells would have to be as small as the gap.
         """
         often = state.steps & (state.steps - 1) == 0 or len(state.waiting.upper) >= _POLISHED_MANY
         due = state.steps >= _POLISHED_FROM and often
@@ -362,7 +362,7 @@ class FarthestSearch(AbstractSearch):
         return state._replace(best=self._polished(state, state.best))
 
     def _polished(self, state: _FarthestState, best: PlaceFound) -> PlaceFound:
-        """The farthest place to full precision, proven again; the one that is known where that is not farther."""
+        """Return the farthest point to full precision, proven again; the known one unless the new one is farther."""
         return self._places.with_all_feet(best, self._upper(state) - best.lower, self._close(best))
 
     def _nowhere(self, dtype: Any) -> PlaceFound:
@@ -373,7 +373,7 @@ class FarthestSearch(AbstractSearch):
         return PlaceFound(int(cells.piece[0]), np.full(cells.low.shape[1], np.nan, dtype), point, foot, 0.0, 0.0, 0.0)
 
     def _witness(self, place: PlaceFound, distance: float, gap: float) -> Witness:
-        """All points that are nearest to the place, with multipliers, and how the maximum arises."""
+        """Return all nearest points of the farthest point, with multipliers, and the event of the maximum."""
         dtype = self._frame.center.dtype
         feet, shares, at_border = self._places.active(place, gap)
         several = np.count_nonzero(shares) > 1

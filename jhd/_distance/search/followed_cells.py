@@ -41,33 +41,33 @@ from jhd._distance.search.sources import CellRows
 from jhd._runtime.arrays import taken
 from jhd._runtime.compiled import compiled, optimized
 
-# Cells done side by side: few, since often there are no more; of polynomials over them some more.
+# Cells processed in one batch: few, since often there are no more; polynomials over them allow some more.
 _LANES, _LANES_OF_PARTS = 8, 16
-# Feet of one piece belong to different maps where their parameters are farther apart than this.
+# Feet of one piece belong to different maps if their parameters differ by more than this.
 _APART = 0.5
 # Feet of a cell that are tried.
 _MOST = 4
-# A cell is cut where it goes beyond a side by this share of what it is long, where the foot of its middle is as far
-# from the mean of those of its corners as this share of that, and where it is at most so many pieces long.
+# A cell is cut if it extends beyond a side by this fraction of its length, if the foot of its middle differs from the
+# mean of the feet of its corners by at most this fraction of that excess, and if it is at most this many pieces long.
 _LEAST, _BENT, _LONG = 1e-7, 0.3, {Net: 0.9, Triangles: 2.0}
-# How often cells are cut, and then their parts: about a corner of patches two lines meet, of triangles three.
+# Number of cuts of cells and then their parts: about a corner of patches two lines meet, of triangles three.
 _CUTS = {Net: 2, Triangles: 3}
 # A piece that is farther from a corner of a cell than the goal by this factor does not help.
 _HOPELESS = 1.5
-# Parts of a triangle of which one corner is on the one side of a cut and two are on the other: corners by their
-# numbers from the first on, and the ends 3 and 4 of the cut, which lie towards the second and the third.
+# Parts of a triangle with one corner on one side of a cut and two on the other: numbers of the corners, starting at the
+# single corner, and 3 and 4 for the ends of the cut towards the second and the third.
 _PARTS_OF_TRIANGLE = np.array([[0, 3, 4], [3, 1, 2], [3, 2, 4]])
 _PARTS_OF_SEGMENT = np.array([[0, 2], [2, 1]])
 
 
 class Simplices(NamedTuple):
-    """Segments or triangles of parameters: the piece, its corners, and the corners of the part that counts in it.
+    """Segments or triangles of parameters: the piece, its corners, and the corners of the part that counts.
 
     Args:
-        piece: of a.
+        piece: index of the piece of a.
         corners: parameters of the corners (cells, corners, parameters of a).
         shares: rows of non-negative numbers whose sum is one, (cells, corners, corners); see the module.
-        points: of a at the corners of the part and last in its middle, about, (cells, corners + 1, 3).
+        points: approximate points of a at the corners of the part and, last, in its middle, (cells, corners + 1, 3).
     """
 
     piece: np.ndarray
@@ -79,7 +79,7 @@ class Simplices(NamedTuple):
 
     @property
     def places(self) -> np.ndarray:
-        """The parameters of the corners of the parts, about."""
+        """Approximate parameters of the corners of the parts."""
         return self.shares @ self.corners
 
 
@@ -93,12 +93,12 @@ class FeetOfParts(NamedTuple):
 
 
 class FollowedFeet:
-    """Bounds between two shapes in common coordinates.
+    """Bounds over cells between two shapes in common coordinates, by feet followed over the cells.
 
     Args:
         a: the shape whose cells are bounded: a net, or the corners of triangles.
-        b: the other one, likewise.
-        target: its nearest points.
+        b: the shape that distances are taken to: a net, or the corners of triangles.
+        target: finds nearest points of `b`.
     """
 
     def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
@@ -106,18 +106,18 @@ class FollowedFeet:
         self._long, self._most_cuts = _LONG[type(b)], _CUTS[type(b)]
 
     def instead(self, a: Net) -> "FollowedFeet":
-        """The same for cells of other pieces, which are as many as programs are compiled for."""
+        """Return a copy for cells of the net `a`, whose number of pieces is one that functions are compiled for."""
         found = copy(self)
         found.shapes = (a, self.shapes[1])
         return found
 
     def over(self, cells: CellRows, feet: FootRows, goal: float | np.ndarray) -> np.ndarray:
-        """Proven upper bounds of the distances of all points in cells, from their feet.
+        """Return proven upper bounds of the distances of all points in cells, from their feet.
 
         Args:
-            cells: of a.
-            feet: of each, on pieces of b, in the order in which they are tried.
-            goal: what is below it need not be any better; of all cells, or of each.
+            cells: cells of a.
+            feet: feet of each cell on pieces of b, in the order in which they are tried.
+            goal: bounds below it need not be improved; one number, or one for each cell.
         """
         corners = corners_of(cells, isinstance(self.shapes[0], Triangles))
         many, count = corners.shape[1:3]
@@ -129,7 +129,7 @@ class FollowedFeet:
         return np.max(bound.reshape(-1, many), axis=1)
 
     def _bounded(self, parts: Simplices, feet: FeetOfParts, goal: np.ndarray, cuts: int = 0) -> np.ndarray:
-        """Bounds of parts, which are cut so often already."""
+        """Return bounds of parts; `cuts` counts the cuts so far."""
         tried = _worth_trying(feet, isinstance(self.shapes[1], Triangles))
         bound = self._by_any(parts, feet, self._hopeful(parts, feet, tried, goal), goal)
         rows = np.flatnonzero(bound > goal)
@@ -139,7 +139,7 @@ class FollowedFeet:
         return bound
 
     def _hopeful(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Which feet are tried: of triangles not those that are too far from a corner of the part."""
+        """Return the feet to try, without triangles that are too far from a corner of the part."""
         if not isinstance(self.shapes[1], Triangles) or not np.all(goal > 0):
             return tried
         rows, k = np.nonzero(tried)
@@ -149,13 +149,13 @@ class FollowedFeet:
         return hopeful
 
     def _by_any(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Bounds by one foot after the other, by some at once where lanes have room for them."""
+        """Return bounds by one foot after the other, by several at once if lanes are free."""
         bound, left = np.full(len(parts.piece), np.inf), tried.copy()
         while True:
             rows, k = np.nonzero(left & (bound > goal)[:, None])
             if not len(rows):
                 return bound
-            # As many as there are lanes for these parts.
+            # As many feet as there are lanes for these parts.
             groups = -(-np.count_nonzero(np.diff(rows, prepend=-1)) // _LANES_OF_PARTS)
             some = np.argsort(k, kind="stable")[: groups * _LANES_OF_PARTS]
             rows, k = rows[some], k[some]
@@ -172,7 +172,7 @@ class FollowedFeet:
     def _by_cuts(
         self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray, goal: np.ndarray, cuts: int
     ) -> np.ndarray:
-        """Bounds of cells that are cut where the foot leaves a piece; infinite where none are."""
+        """Return bounds of cells that are cut at the side of a piece; infinite for cells that are not cut."""
         bound = np.full(len(parts.piece), np.inf)
         rows, smaller, every = self.cut(parts, feet, tried)
         if len(rows):
@@ -182,7 +182,7 @@ class FollowedFeet:
         return bound
 
     def cut(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray) -> tuple[np.ndarray, Simplices, FeetOfParts]:
-        """Which cells are cut where the foot leaves a piece, their parts, one after the other, and feet of these."""
+        """Return the rows of cells cut at a side of a piece, their parts one after the other, and feet of the parts."""
         cut = self._cuts(parts, feet, tried)
         rows = np.flatnonzero(cut.score > _LEAST)
         if not len(rows):
@@ -194,7 +194,7 @@ class FollowedFeet:
         return rows, smaller, FeetOfParts(*(np.concatenate(x, axis=1) for x in both))
 
     def parts(self, piece: np.ndarray, corners: np.ndarray, shares: np.ndarray) -> Simplices:
-        """Parts of cells with their points."""
+        """Return parts of cells with their points."""
         places = shares @ corners
         x = np.concatenate([places, np.mean(places, axis=1, keepdims=True)], axis=1)
         many = x.shape[1]
@@ -202,8 +202,8 @@ class FollowedFeet:
         return Simplices(piece, corners, shares, points.reshape(-1, many, 3))
 
     def _cuts(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray) -> "_Cuts":
-        """For each cell the side that divides it best, of the pieces its feet lie on."""
-        # A cell without feet takes part in this with what is of no piece; its score stays zero.
+        """Return for each cell the side that divides it best, of the pieces its feet lie on."""
+        # A cell without feet takes part with arbitrary numbers; its score stays zero.
         scores, index = np.zeros(tried.shape), np.zeros(tried.shape, int)
         tried = tried | (np.arange(tried.shape[1]) == 0)
         rows, k = np.nonzero(tried)
@@ -216,7 +216,7 @@ class FollowedFeet:
         return _Cuts(np.max(scores, axis=1), side[best], segment[best], start[best], values)
 
     def _scores(self, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How well the best side divides each cell, a share of its length, and which one it is."""
+        """Return how evenly the best side divides each cell, as a fraction of its length, and the index of the side."""
         corners = sides[:, :-1]
         low, high = np.min(corners, axis=1), np.max(corners, axis=1)
         bent, less = np.abs(sides[:, -1] - np.mean(corners, axis=1)), np.minimum(-low, high)
@@ -230,14 +230,14 @@ class FollowedFeet:
         return score[np.arange(len(side)), side], side
 
     def _divided(self, parts: Simplices, cut: "_Cuts") -> Simplices:
-        """The parts of each cell, one after the other."""
+        """Return the parts of each cell, one after the other."""
         count, corners = parts.corners.shape[:2]
         index, places = np.arange(count), parts.places
         below = cut.values < 0
-        # The corner that is alone on its side comes first.
+        # First the corner that is alone on its side.
         alone = np.argmax(below == (np.sum(below, axis=1, keepdims=True) == 1), axis=1)
         turned = (alone[:, None] + np.arange(corners)) % corners
-        # Both ends of each edge that leaves it.
+        # Both ends of each edge from that corner.
         edges = turned[:, [[0, k] for k in range(1, corners)]]
         ends, values = places[index[:, None, None], edges], cut.values[index[:, None, None], edges]
         of_edges = (np.repeat(x, corners - 1, axis=0) for x in (parts.piece, cut.segment, cut.start, cut.side))
@@ -255,7 +255,7 @@ class FollowedFeet:
 
 
 class _Cuts(NamedTuple):
-    """Where cells are cut: how good that is, side of which piece, a place near, and how far corners are beyond it."""
+    """Cuts of cells: score, side, its piece, parameters near it, and signed distances of the corners beyond it."""
 
     score: np.ndarray
     side: np.ndarray
@@ -265,7 +265,7 @@ class _Cuts(NamedTuple):
 
 
 def corners_of(cells: CellRows, flat: bool) -> np.ndarray:
-    """The corners (cells, simplices, corners, parameters) of what cells are made of, `flat` ones of a mesh."""
+    """Return the corners (cells, simplices, corners, parameters) of cells; `flat` for cells of meshes."""
     low, high = cells.low, cells.high
     if low.shape[1] == 1:
         return np.stack([low, high], axis=1)[:, None]
@@ -278,7 +278,7 @@ def corners_of(cells: CellRows, flat: bool) -> np.ndarray:
 
 
 def padded_pieces(shape: Net | Triangles) -> Net | Triangles:
-    """The shape with as many pieces as programs are compiled for."""
+    """Return the shape, padded to a number of pieces that functions are compiled for."""
     if isinstance(shape, Net):
         return repeated(shape)
     count = len(shape.corners)
@@ -286,7 +286,7 @@ def padded_pieces(shape: Net | Triangles) -> Net | Triangles:
 
 
 def _worth_trying(feet: FeetOfParts, flat: bool) -> np.ndarray:
-    """Which feet are on a piece, or a place of it where it is not flat, that none before are; not more than some."""
+    """Return a mask of at most _MOST feet of each cell: on new pieces or, if not `flat`, at new parameters."""
     columns = [feet.segment[:, 0] >= 0]
     for k in range(1, feet.segment.shape[1]):
         new = feet.segment[:, k] >= 0
@@ -302,8 +302,9 @@ def _worth_trying(feet: FeetOfParts, flat: bool) -> np.ndarray:
 def _bounds_of(
     shapes: Any, count: Array, piece: Array, corners: Array, shares: Array, segment: Array, start: Array
 ) -> Array:
+    """Return upper bounds of the distances over parts of cells, by foot maps into pieces of b."""
     a, b = shapes
-    # Graphs of surfaces may leave the box of these a little.
+    # Graphs of surfaces may slightly leave the box of the surfaces.
     size = jnp.maximum(jnp.max(jnp.abs(a.points)), 1.0) if isinstance(a, Net) else 1.0
 
     def one(k: Array, corners: Array, segment: Array, start: Array) -> Array:

@@ -1,8 +1,8 @@
 """Bounds over cells by feet that are followed over them, if one of the shapes is an implicit surface.
 
 The feet lie on pieces of the other shape, or on the surface itself (jhd._distance.cells.tracked_feet_surfaces). In a
-cell that it crosses in one sheet an implicit surface is about a polynomial graph, proven to be so close to it
-(jhd._distance.cells.graphs). That is a piece of a parametric surface, and is bounded like one, cuts included.
+cell that it crosses in one sheet, an implicit surface is close to a polynomial graph, with a proven distance
+(jhd._distance.cells.graphs). The graph is a piece of a parametric surface, and is bounded like one, cuts included.
 """
 
 from typing import Any
@@ -26,14 +26,14 @@ from jhd._distance.search.row_batches import BLOCK, each, in_blocks, in_groups
 from jhd._distance.search.sources import CellRows
 from jhd._runtime.compiled import compiled
 
-# Cells done side by side.
+# Cells processed in one batch.
 _LANES = 64
-# A graph serves where it is this close, as a share of the size of the cell.
+# A graph is used if it is this close, as a fraction of the size of the cell.
 _CLOSE = 1e-2
-# Feet are followed on a surface from so many cells on, and from so many of each piece: fewer are left mostly, and the
-# program takes twelve seconds to compile.
+# Feet are followed on a surface if there are this many cells in all and for each piece: usually fewer are left, and
+# compiling takes twelve seconds.
 _MANY, _OF_EACH = 256, 16
-# Half the sides of boxes about a place whose graph is looked for, as shares of the box of the surface.
+# Half the sides of boxes about a point whose graph is computed, as fractions of the box of the surface.
 _ABOUT = 2.0 ** -np.arange(15.0, 5, -3)
 
 
@@ -43,20 +43,20 @@ class FollowedGraphs:
     Args:
         side: the surface whose cells are bounded.
         b: the other shape: a net, or the corners of triangles.
-        target: its nearest points.
+        target: finds nearest points of `b`.
     """
 
     def __init__(self, side: Side, b: Net | Triangles, target: AbstractTarget):
         self._side = side
         dtype = np.asarray(side.lower).dtype
-        # It stands for the graphs of a block.
+        # A placeholder for the graphs of a block.
         none: Any = Net(jnp.zeros((1, 1, 1, 3), dtype), None)
         self._feet = FollowedFeet(none, b, target)
 
     def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
         """Proven upper bounds of the distances of all points in cells, from their feet; see FollowedFeet.over.
 
-        They are infinite where the surface is not about a graph.
+        They are infinite if the surface is not close to a graph.
         """
         points, beside = in_blocks(_graphs, self._side, cells.low, cells.high)
         size = np.max(cells.high - cells.low, axis=1)
@@ -73,21 +73,21 @@ class FollowedGraphs:
 
 
 def places_on_graphs(side: Side, b: Any, found: Any) -> list[PlaceOnPiece]:
-    """A place of the surface that a search has found on the graphs about it, and the other shape; see PlaceOnPiece.
+    """Return a point of the surface as points on nearby graphs, with the other shape; see PlaceOnPiece.
 
-    The smaller the graph the closer it is to the surface, and the fewer places it leads to.
+    Smaller graphs are closer to the surface, and cover less of it.
     """
     lower, upper, x = np.asarray(side.lower), np.asarray(side.upper), found.point
     half = (_ABOUT * np.max(upper - lower)).astype(lower.dtype)[:, None]
     low, high = np.maximum(x - half, lower), np.minimum(x + half, upper)
     points, beside = in_blocks(_graphs, side, low, high)
     close = np.flatnonzero(beside <= _CLOSE * half[:, 0])
-    # Programs take one graph.
+    # The compiled functions take one graph.
     return [PlaceOnPiece((Net(points[[k]], None), b), 0, _parameters(points[k], low[k], high[k], x)) for k in close]
 
 
 def _parameters(points: np.ndarray, low: np.ndarray, high: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Those of a graph, of which two coordinates are linear functions of one parameter each, at a place in the box."""
+    """Return the parameters of a graph at a point of the box; two coordinates depend linearly on one parameter each."""
     ends = [(points[0, 0], points[-1, 0]), (points[0, 0], points[0, -1])]
     # The coordinate that goes from end to end of the box.
     axes = [np.argmin(np.abs(first - low) + np.abs(last - high)) for first, last in ends]
@@ -96,7 +96,7 @@ def _parameters(points: np.ndarray, low: np.ndarray, high: np.ndarray, place: np
 
 @compiled
 def _graphs(side: Side, count: Array, low: Array, high: Array) -> Any:
-    """Control points (cells, degree + 1, degree + 1, 3) of graphs, and how far the surface is from them at most."""
+    """Return control points (cells, degree + 1, degree + 1, 3) of graphs, and bounds of their errors."""
 
     def group(low: Array, high: Array) -> tuple[Array, Array]:
         cells = boxes(low.T, high.T)
@@ -124,7 +124,7 @@ class FollowedOnSurface:
         self._shapes = net, side
 
     def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
-        """Proven upper bounds of the distances of all points in cells; see jhd._distance.cells.tracked_feet_surfaces.
+        """Return proven upper bounds of the distances of all points in cells; see cells.tracked_feet_surfaces.
 
         They are off by the eighth order of the size of a cell if the distance is constant. They cost much, and are
         infinite unless there are many cells of each piece.

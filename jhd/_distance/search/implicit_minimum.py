@@ -56,21 +56,20 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd.progress import Callback
 
-# The room for rounding where points are made sharp; the half side, as a share of the size, of the cells for that, and
-# steps there.
+# Slack for rounding when points are sharpened; half side of the cells for this, as a fraction of the size; steps.
 _ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
-# Up to so many pieces all pairs are searched, each over the whole surface; more are thinned out before the search.
+# Up to this many pieces all pairs are searched, each over the whole surface; more are thinned out before the search.
 _FEW = 64
 # A number of steps that no search takes.
 _ENDLESS = 1 << 30
 # Steps over a few near pieces, for a first distance.
 _FIRST = 32
-# How often these are exchanged for others, while that brings the points nearer by this share.
+# How often the first pairs are replaced, while this reduces the distance at least to this fraction.
 _TIMES, _NEARER = 12, 0.99
 
 
 def with_surface(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
-    """Minimum distance of two shapes of which one at least is an implicit surface.
+    """Return the minimum distance of two shapes, at least one of them an implicit surface.
 
     Raises:
         ValueError: a surface that is proven to have no point in its box (not under jit).
@@ -90,14 +89,14 @@ def with_surface(a: Any, b: Any, method: BranchAndBound, progress: Callback | No
 
 
 class _FoundBoth(NamedTuple):
-    """What a search found, in common coordinates and in the user's."""
+    """The result of a search, in common coordinates and in the user's."""
 
     outcome: Outcome
     solution: MinimumSolution
 
 
 def _in_program(shapes: tuple[Any, Any], method: BranchAndBound) -> _FoundBoth:
-    """The search in one program."""
+    """Run the search in one compiled function."""
     task = _task_of(shapes, method)
     pieces = np.asarray(max(map(_count, shapes)))
     begun = lambda problem: _begin(problem, pieces, method.queue_size)  # noqa: E731
@@ -108,16 +107,16 @@ def _in_program(shapes: tuple[Any, Any], method: BranchAndBound) -> _FoundBoth:
 def _from_here(
     shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool, progress: Callback | None = None
 ) -> _FoundBoth:
-    """The search from the host; see with_surface.
+    """Return the result of the search from the host; see with_surface.
 
     Args:
-        shapes: of the net or surface and the surface all numbers are known.
+        shapes: a net or surface, and a surface, all numbers known.
         method: the options.
         is_mesh: whether the first one is a mesh.
         progress: see minimum_distance.
     """
     pieces = max(map(_count, shapes))
-    # Repeated to a few sizes that programs are compiled for; what repeats is not searched.
+    # Repeated up to a few sizes that functions are compiled for; repetitions are not searched.
     task = _task_of(tuple(repeated(shape) if isinstance(shape, Net) else shape for shape in shapes), method)
     found = drive(_search(task, pieces, method, is_mesh), Listener(progress, task.frame))
     if np.isinf(np.asarray(found.lower)):
@@ -126,13 +125,13 @@ def _from_here(
 
 
 def _empty_of(problem: WithSurface) -> str:
-    """The name of the shape without points, where both are surfaces."""
+    """Return the name of the shape without points if both are surfaces, else an empty string."""
     sides = [side for side in problem[:2] if isinstance(side, Side)]
     return next((name for name, side in zip("ab", sides, strict=True) if looked_at(side)[1]), "") if sides[1:] else ""
 
 
 def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: bool) -> AbstractSearch:
-    """Over all pairs; where there are many pieces, over those that may be the nearest ones."""
+    """Return the search over all pairs of pieces; for many pieces only over pairs that may be nearest."""
     problem, capacity = task.problem, method.queue_size
     net: Any = problem.a
     surface: Any = problem.b
@@ -164,15 +163,15 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
     def closed(table: ClosestState) -> float:
         return float(close_enough(_with_room(problem, table.best), task.wanted, table.best))
 
-    # The table is exchanged for the next pairs where it goes on no more, so it must not be given up.
+    # The table is replaced by the next pairs when it makes no more progress, so it must not be given up.
     going = task._replace(wanted=task.wanted._replace(most=np.asarray(_ENDLESS)))
     return QueuedSearch(pairs.lower, filled, partial(_stretch, going), closed, method.max_steps)
 
 
 def _first(task: "_SurfaceTask", pieces: int, few: NearPairs, room: int) -> BestPair:
-    """A pair of near points, before the search: from some pieces on to those beside the nearest, while they get nearer.
+    """Return a pair of near points before the search, improved by pairs around it while the distance decreases.
 
-    From the whole box feet are found that are lost in small cells, where both shapes are about to touch.
+    The whole box is used: if both shapes nearly touch, small cells lose feet.
     """
     problem, best = task.problem, _unknown(task.problem)
     net: Any = problem.a
@@ -188,7 +187,7 @@ def _first(task: "_SurfaceTask", pieces: int, few: NearPairs, room: int) -> Best
 
 
 def _met(meeting: Crossing) -> BestPair:
-    """A pair at distance zero."""
+    """Return a pair at distance zero."""
     zero: Any = np.zeros((), meeting.place.dtype)
     x: Any = np.concatenate([meeting.x, meeting.place])
     piece: Any = np.asarray(meeting.piece)
@@ -196,7 +195,7 @@ def _met(meeting: Crossing) -> BestPair:
 
 
 def _from_program(shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool) -> _FoundBoth:
-    """The search from the host, called from the program."""
+    """Run the search from the host, called from a compiled function."""
     dtype, n = shapes[0].points.dtype, shapes[0].parameters + 3
 
     def refused(result: Any = RESULTS.nonfinite_value) -> _FoundBoth:
@@ -219,7 +218,7 @@ def _from_program(shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool
 
 
 class _SurfaceTask(NamedTuple):
-    """Shapes in the user's coordinates and in common ones, the frame that leads back, and what is asked for."""
+    """Shapes in the user's and in common coordinates, the frame that leads back, and the tolerances."""
 
     shapes: tuple[Any, ...]
     problem: WithSurface
@@ -230,17 +229,20 @@ class _SurfaceTask(NamedTuple):
 def _task_of(shapes: tuple[Any, ...], method: BranchAndBound) -> _SurfaceTask:
     *sides, frame = prepare_surfaces(*shapes)
     corners = [side[2:4] if isinstance(side, Side) else extremes(side.points) for side in sides]
-    # What rounding leaves counts in the search, where it is known how far the nearest points are out.
+    # Rounding counts in the search, which knows how far out the nearest points are.
     return _SurfaceTask(shapes, WithSurface(*sides), frame, wanted_gap(corners, frame, method, 0.0))
 
 
 def _count(shape: ImplicitSurface | Side | Net) -> int:
-    """The number of its pieces."""
+    """Return the number of pieces of a shape."""
     return shape.points.shape[0] if isinstance(shape, Net) else 1
 
 
 def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
-    """The table with the pairs of so many first pieces; further ones repeat the last. One shape has a single one."""
+    """Return the table with the pairs of the first `pieces` pieces; further pieces repeat the last.
+
+    One shape has one piece.
+    """
     first, second = pairs_of((_count(problem.a), _count(problem.b))).T
     low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     count = len(first)
@@ -257,14 +259,14 @@ def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
 
 
 def _unknown(problem: WithSurface) -> BestPair:
-    """What is known before any pair is."""
+    """Return the initial pair, with an infinite distance."""
     low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     zero, infinite = jnp.array(0), jnp.full((), jnp.inf, low.dtype)
     return BestPair(infinite, infinite, zero, zero, 0.5 * (low + high))
 
 
 def _ends(side: Net | Side) -> tuple[Array, Array]:
-    """The ends of the parameters."""
+    """Return the ends of the parameters."""
     if isinstance(side, Side):
         return side.lower, side.upper
     return jnp.zeros(parameters(side), side.points.dtype), jnp.ones(parameters(side), side.points.dtype)
@@ -274,7 +276,7 @@ def _outcome(problem: WithSurface, wanted: WantedGap, reached: Reached) -> Outco
     best, n, dtype = reached.best, parameters(problem.a), reached.lower.dtype
     point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
     best = best._replace(distance=jnp.where(jnp.isfinite(best.upper), length(point_a - point_b), jnp.inf))
-    # What flushing of coordinates below the smallest normal number moves.
+    # Change by flushing coordinates below the smallest normal number.
     flushed = 16 * smallest_normal(dtype)
     lower, upper = jnp.maximum(reached.lower * (1 - gamma(6, dtype)) - flushed, 0.0), best.upper + flushed
     return outcome(wanted, reached, best, (lower, upper), (point_a, point_b), problem.floor)
@@ -289,7 +291,7 @@ _begun = compiled(_begin, (2,))
 
 @partial(compiled, static=(3,))
 def _filled(problem: WithSurface, pairs: NearPairs, best: BestPair, capacity: int) -> ClosestState:
-    """The table with pairs of cells of the surface and whole pieces."""
+    """Return the table with pairs of cells of the surface and whole pieces."""
     n, count, dtype = parameters(problem.a), pairs.lower.shape[0], pairs.lower.dtype
     ends = jnp.zeros((count, n), dtype), jnp.ones((count, n), dtype)
     low, high = (jnp.concatenate(x, axis=1) for x in zip(ends, (pairs.low, pairs.high), strict=True))
@@ -303,7 +305,7 @@ _advanced = compiled(advance)
 def _stretch(
     task: _SurfaceTask, state: ClosestState, limit: np.ndarray, growing: np.ndarray, waiting: Any = np.inf
 ) -> tuple[ClosestState, Outcome, Array]:
-    """Goes on for some steps, then makes the nearest points sharp; pairs with this bound wait beside the table."""
+    """Run some steps, then sharpen the nearest points; pairs with bound `waiting` wait outside the table."""
     problem, wanted = task.problem, task.wanted
     state = _advanced(_with_room(problem, state.best), wanted, state, limit, growing)
     state = state._replace(best=_sharp(task, state.best))
@@ -317,7 +319,7 @@ def _with_room(problem: WithSurface, best: BestPair) -> WithSurface:
 
 @compiled
 def _room(problem: WithSurface, best: BestPair) -> Array:
-    """The room for rounding about the nearest points found, which may be far smaller than the boxes are; else none."""
+    """Return the room for rounding about the nearest points found, which may be far smaller than the boxes."""
     n = parameters(problem.a)
     point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
     reach = jnp.maximum(jnp.max(jnp.abs(point_a)), jnp.max(jnp.abs(point_b)))
@@ -327,7 +329,7 @@ def _room(problem: WithSurface, best: BestPair) -> Array:
 
 @compiled
 def _standing(problem: WithSurface, wanted: WantedGap, state: ClosestState, growing: Array) -> tuple[Outcome, Array]:
-    """The outcome as it stands, and how the search stands in four numbers."""
+    """Return the outcome as it stands, and the progress of the search in four numbers."""
     return _outcome(problem, wanted, reached_by(state)), news_of(problem, wanted, state, growing)
 
 
@@ -335,7 +337,7 @@ _shown = compiled(_outcome)
 
 
 def _sharp(task: _SurfaceTask, best: BestPair) -> BestPair:
-    """The nearest points where the Lagrange system is solved, if they are proven to be nearer than those found."""
+    """Return the nearest points at a solution of the Lagrange system, if these are proven to be nearer."""
     problem = task.problem
     if not np.isfinite(np.asarray(best.upper)):
         return best
@@ -351,6 +353,7 @@ def _sharp(task: _SurfaceTask, best: BestPair) -> BestPair:
 
 @compiled
 def _solved(problem: WithSurface, best: BestPair) -> Array:
+    """Return the coordinates of the pair after solving the Lagrange system in a small cell about it."""
     lows, highs = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     half = _ABOUT * jnp.max(highs - lows)
     cell = Cell(best.piece_a, best.piece_b, jnp.maximum(best.x - half, lows), jnp.minimum(best.x + half, highs))
@@ -378,12 +381,12 @@ def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> Bes
 
 
 class _IsolatedPairs(NamedTuple):
-    """What is left of a pair of surfaces, and what is known of their isolated points.
+    """A pair of surfaces without their isolated points, and the distances of these points.
 
     Args:
         problem: the pair without these points.
-        lower: a lower bound of their distances from the other surface; infinite where there is none.
-        best: the nearest one of them with its foot, or None.
+        lower: a lower bound of their distances from the other surface; infinite if there are no such points.
+        best: the nearest of these points with its foot, or None.
     """
 
     problem: WithSurface
@@ -391,13 +394,13 @@ class _IsolatedPairs(NamedTuple):
     best: BestPair | None
 
     def told(self, table: ClosestState) -> ClosestState:
-        """A table that begins with what is known."""
+        """Return a table that begins with the known bound and pair."""
         best = table.best if self.best is None or not self.best.upper < table.best.upper else self.best
         return table._replace(settled=jnp.minimum(table.settled, self.lower).astype(table.settled.dtype), best=best)
 
 
 def _isolated_pairs(problem: WithSurface) -> _IsolatedPairs:
-    """Both surfaces with their isolated points measured.
+    """Return both surfaces with their isolated points measured.
 
     Raises:
         ValueError: one has such a point, and the other is proven to have no point in its box.
@@ -416,7 +419,7 @@ def _isolated_pairs(problem: WithSurface) -> _IsolatedPairs:
 
 
 def _without_isolated(own: Side, other: Side) -> tuple[Any, ...]:
-    """A surface without its isolated points, bounds of their distances, and the nearest with its foot, if any."""
+    """Return a surface without its isolated points, bounds of their distances, and the nearest with its foot."""
     points = own.isolated
     known = (np.asarray(points.half) > 0) & (np.asarray(points.radius) >= 0) & np.asarray(points.there)
     if not known.any():
@@ -424,7 +427,7 @@ def _without_isolated(own: Side, other: Side) -> tuple[Any, ...]:
     center, radius = np.asarray(points.center)[known], np.asarray(points.radius)[known]
     found = SurfaceTarget(other).nearest(center)
     room = gamma(4, center.dtype)
-    # Differences round towards either side by less than this share of the larger number.
+    # Differences round towards either side by less than this fraction of the larger number.
     lower = np.maximum(found.lower - radius - room * found.lower, 0.0)
     upper = (found.upper + radius) * (1 + room)
     left = points._replace(radius=np.where(known, -np.inf, points.radius), there=np.asarray(points.there) & ~known)

@@ -1,7 +1,7 @@
 """Hausdorff distances of triangle meshes: branch and bound over the triangles of one mesh, with proven bounds.
 
 The lower bound is the distance of the best point found. The upper bound is the largest bound of all cells, dropped or
-waiting (see jhd._distance.cells.triangles). In a step the host splits a bounded number of cells, those with the largest
+waiting (see jhd._distance.cells.triangles). In a step the host splits a bounded number of cells with the largest
 bounds. A cell is dropped as soon as its bound is within the tolerance of the lower bound.
 
 Sources: Kang, Kyung, Yoon, Kim, Fast and robust Hausdorff distance computation from triangle mesh to quad mesh in near-
@@ -34,11 +34,11 @@ from jhd._triangles.closest_point import in_unit_of, outward, triangle_tree
 # as much.
 _BATCH = 1 << 14
 _ROOM = 1 << 11
-# What is counted: steps, cells, cells that were split, and points that were measured.
+# Counts: steps, cells, cells that were split, and points that were measured.
 _COUNTS = "steps", "cells", "split", "points"
-# Where the lower bound is below this share of the upper one, a may lie in b.
+# If the lower bound is below this fraction of the upper bound, a may lie in b.
 _COINCIDENT = 1e-3
-# Cells are dropped within this share of the gap that was asked for.
+# Cells are dropped within this fraction of the requested gap.
 _OF_ASKED = 0.99
 
 
@@ -71,17 +71,17 @@ class _CutCells(NamedTuple):
 def mesh_directed(
     a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
 ) -> HausdorffSolution:
-    """The directed distance of two meshes in their own coordinates; under tracing it is searched from the host as well.
+    """Return the directed distance of two meshes in their own coordinates; under tracing the host searches, too.
 
-    Meshes that lie far from the origin are moved there along axes where that is exact, since bounds count roundings of
-    the largest coordinate.
+    Meshes far from the origin are moved there along the axes on which the move is exact, since bounds count roundings
+    of the largest coordinate.
     """
 
     def search(meshes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
         near, center = _near_origin(*meshes)
         return _moved_by(center, drive(MeshSearch(near[0], near[1], method, aim), listener, direction))
 
-    # Inside jit all operations are traced, those on known numbers too.
+    # Inside jit all operations are traced, also on known numbers.
     if is_tracing(a, b, method, aim):
         listener = Listener()
         form = AnswerForm(a.vertices.dtype, 3, FEET, (3,), (3,), _COUNTS)
@@ -90,7 +90,7 @@ def mesh_directed(
 
 
 def _near_origin(*meshes: TriangleMesh) -> tuple[tuple[TriangleMesh, ...], np.ndarray]:
-    """Meshes less a common center, which is zero along axes where a difference to it would round."""
+    """Return meshes minus a common center. Its coordinate is zero on axes on which the difference would round."""
     corners = [extremes(np.asarray(x.vertices)[np.asarray(x.triangles)]) for x in meshes]
     frame = frame_of(corners, center=exact_middle)
     center = np.ldexp(frame.center, frame.first)
@@ -114,11 +114,10 @@ class MeshSearch(AbstractSearch):
     """The search for the point of a mesh that is farthest from another one; its solutions are in the user's unit.
 
     Args:
-        a: the mesh whose farthest point is looked for, its numbers known.
-        b: the mesh that distances are taken to, likewise.
-        method: its tolerances, by default those of jhd._distance.normalization.stopping; its capacity bounds the cells
-            that wait.
-        aim: what of the distance matters: cells are dropped at its level, and the upper bound stops there.
+        a: the mesh whose farthest point is searched, its numbers known.
+        b: the mesh that distances are taken to, its numbers known.
+        method: gives the tolerances (by default of jhd._distance.normalization.stopping) and limits waiting cells.
+        aim: range of distances that matter: cells are dropped at its level, and the upper bound stops there.
     """
 
     first_steps = 0
@@ -143,7 +142,7 @@ class MeshSearch(AbstractSearch):
 
     @override
     def longer(self, state: _CutCells) -> _CutCells:
-        """It takes the room that it is given."""
+        """Return the state unchanged: its capacity is fixed."""
         return state
 
     def _is_open(self, state: _CutCells) -> bool:
@@ -153,14 +152,14 @@ class MeshSearch(AbstractSearch):
         return state.waiting.count <= _ROOM * self._method.queue_size
 
     def _dropping(self, state: _CutCells) -> _CutCells:
-        """The state without the cells whose bounds are within what is allowed."""
+        """Return the state without the cells whose bounds are within the tolerance."""
         lower = state.best.lower
         done = state.waiting.upper <= max(lower + self._allowed(lower), self._level)
         dropped = max(state.dropped, float(state.waiting.upper[done].max(initial=-np.inf)))
         return state._replace(waiting=state.waiting.take(np.flatnonzero(~done)), dropped=dropped)
 
     def _step(self, state: _CutCells) -> _CutCells:
-        """The cells with the largest bounds split."""
+        """Split the cells with the largest bounds."""
         waiting, best, steps = state.waiting, state.best, state.steps
         order = np.argsort(-waiting.upper, kind="stable")
         clipping = best.lower <= _COINCIDENT * float(waiting.upper.max()) or steps % 8 > 5
@@ -177,7 +176,7 @@ class MeshSearch(AbstractSearch):
         dtype, exponent = side.corners.dtype, side.tree.exponent
         feet = active_feet(side, best.owner, best.weights, best.nearest, upper - best.lower)
         lower, top = (outward(np.array([x]), exponent, dtype, sign)[0] for x, sign in ((best.lower, -1), (upper, 1)))
-        # What cannot be told from zero is called zero.
+        # A distance that cannot be distinguished from zero is reported as zero.
         distance = best.distance if best.lower > 0 else 0.0
         value = np.clip(np.ldexp(distance, exponent).astype(dtype), lower, top)
         result = RESULTS.gap_not_closed if self._has_room(state) else RESULTS.capacity_reached
@@ -203,7 +202,7 @@ def _side(a: TriangleMesh, b: TriangleMesh) -> tuple[MeshSide, np.ndarray]:
 
 
 def _allowed(side: MeshSide, method: BranchAndBound) -> AllowedGap:
-    """The gap that is allowed, in the unit of the tree."""
+    """Return the gap that is allowed, in the unit of the tree."""
     floor = partial(_rounding, side)
     if method.atol is None:
         size = diagonal([extremes(x.astype(np.float64)) for x in (side.corners, side.b_corners)])
@@ -215,12 +214,12 @@ def _allowed(side: MeshSide, method: BranchAndBound) -> AllowedGap:
 
 
 def _rounding(side: MeshSide, lower: float) -> float:
-    """Less than this cannot be told, where bounds err to both sides."""
+    """Return the smallest gap that can be resolved, given that bounds err to both sides."""
     return 4 * float(side.tree.error(np.array(lower))) + 4 * float(side.slack(64))
 
 
 def _improved(best: _FarthestPoint | None, side: MeshSide, cells: TriangleCells) -> _FarthestPoint:
-    """The best point found so far."""
+    """Return the best point so far, after the corners of `cells`."""
     distance = np.sqrt(cells.square.astype(np.float64))
     row, corner = np.unravel_index(int(np.argmax(distance)), distance.shape)
     there = float(distance[row, corner])

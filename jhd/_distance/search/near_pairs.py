@@ -25,15 +25,15 @@ from jhd._runtime.compiled import compiled
 from jhd._shapes.mesh import TriangleMesh
 from jhd._triangles.closest_point import in_blocks_of
 
-# Places from which feet are followed to and fro, and how often; each time mends a share of what is missing.
+# Points from which feet are followed to and fro, and how often; each time reduces the excess by a fraction.
 _STARTS, _ROUNDS = 32, 12
-# Pieces that are looked at around a place.
+# Pieces that are examined around a point.
 _AROUND = 64
 # Times that cells are cut at most, and pairs from which on they are not cut any more.
 _CUTS, _MANY = 12, 1 << 18
 # Times that an edge which crosses the surface is halved.
 _HALVINGS = 60
-# What boxes, lengths and control points may be off by rounding is far below this many units of roundoff.
+# Rounding errors of boxes, lengths and control points are far below this many units of roundoff.
 _SLACK = 1e4
 
 
@@ -53,14 +53,14 @@ class NearPairs(NamedTuple):
     piece: Any
 
     def part(self, start: int, count: int) -> "NearPairs":
-        """So many pairs from one on; where there are fewer, the last one is repeated with an infinite bound."""
+        """Return `count` pairs from `start` on, padded with copies of the last pair with an infinite bound."""
         index = np.arange(start, start + count)
         rows = NearPairs(*(x[np.minimum(index, len(self.lower) - 1)] for x in self))
         return rows._replace(lower=np.where(index < len(self.lower), rows.lower, np.inf))
 
 
 class Crossing(NamedTuple):
-    """Where an edge of a triangle crosses a surface: triangle, parameters as a bilinear patch, and place."""
+    """A crossing of an edge of a triangle and a surface: triangle, parameters as a bilinear patch, and point."""
 
     piece: int
     x: np.ndarray
@@ -68,13 +68,13 @@ class Crossing(NamedTuple):
 
     @property
     def pairs(self) -> NearPairs:
-        """The pair alone, the surface cut down to the place."""
+        """The pair of this triangle with the surface, cut down to the point."""
         place = self.place[None]
         return NearPairs(np.zeros(1, place.dtype), place, place, np.array([self.piece]))
 
 
 def crossing(side: Side, net: Net, count: int) -> Crossing | None:
-    """An edge of a triangle, inside of the box, at whose ends the polynomial has different signs; None without one.
+    """Return a crossing of a triangle edge inside the box, from different signs at its ends; None without one.
 
     As the edge is straight and the box convex, a zero lies between the ends: then the shapes are proven to meet.
     """
@@ -98,7 +98,7 @@ def crossing(side: Side, net: Net, count: int) -> Crossing | None:
 
 
 def _signs(side: Side, points: np.ndarray) -> np.ndarray:
-    """The signs of the polynomial at points (points, 3), 0 where rounding leaves them open."""
+    """Return the signs of the polynomial at points (points, 3), 0 if rounding leaves them open."""
     return in_blocks_of((1, BLOCK), partial(_signs_of, side), (points,))
 
 
@@ -116,7 +116,7 @@ class Near(NamedTuple):
 
 
 def near_pairs(side: Side, net: Net, count: int, is_mesh: bool) -> Near | None:
-    """The pairs that may hold nearest points; None where no point of the surface is proven.
+    """Return the pairs that may hold nearest points; None if no point of the surface is proven.
 
     Args:
         side: the surface, its numbers known.
@@ -153,7 +153,7 @@ def near_pairs(side: Side, net: Net, count: int, is_mesh: bool) -> Near | None:
 
 
 def around(side: Side, net: Net, count: int, place: np.ndarray) -> NearPairs:
-    """Some pieces next to a place, each with the whole box of the surface."""
+    """Return some pieces next to a point, each with the whole box of the surface."""
     points: Any = np.asarray(net.points)[:count]
     gap = _gap(place, place, points.min(axis=(1, 2)), points.max(axis=(1, 2)))
     return _whole(side, np.argsort(gap, kind="stable")[:_AROUND])
@@ -172,7 +172,7 @@ def _target(net: Net, is_mesh: bool) -> AbstractTarget:
 
 
 def _upper(surface: SurfaceTarget, other: AbstractTarget) -> tuple[float, np.ndarray]:
-    """A proven upper bound of the minimum distance, infinite where none is found, and the pieces where feet end."""
+    """Bound the minimum distance from above (infinite if no point is proven), and return the pieces of the feet."""
     cloud = surface.target.cloud
     radius = np.asarray(cloud.radius, np.float64)
     known = np.isfinite(radius)
@@ -186,7 +186,7 @@ def _upper(surface: SurfaceTarget, other: AbstractTarget) -> tuple[float, np.nda
         there = surface.near(foot)
         moved = np.where(np.isfinite(there.upper)[:, None], there.foot, foot)
         back = other.near(moved)
-        # Where no foot is proven the error is infinite, and so is the sum.
+        # If no foot is proven the error is infinite, and so is the sum.
         best = min(best, float((there.upper + off).min()), float((back.upper + surface.error(there)).min()))
         foot, off = back.foot, other.error(back)
     return best * (1 + gamma(16, radius.dtype)), np.unique(back.segment)
@@ -195,7 +195,7 @@ def _upper(surface: SurfaceTarget, other: AbstractTarget) -> tuple[float, np.nda
 def _within(
     low: np.ndarray, high: np.ndarray, least: np.ndarray, most: np.ndarray, upper: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pairs of cells and pieces whose boxes are at most this far apart, and how far they are."""
+    """Return the pairs of cells and pieces whose boxes are at most `upper` apart, with the gaps of the boxes."""
     cells, pieces, gaps = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
     for k in range(len(low)):
         gap = _gap(low[k], high[k], least, most)
@@ -216,7 +216,7 @@ def _of_children(
     most: np.ndarray,
     upper: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pairs of parts of cells and pieces that come from pairs of cells, those that are not too far apart."""
+    """Return the pairs of parts of cells and pieces, from pairs of their parents, that are at most `upper` apart."""
     order = np.argsort(parent, kind="stable")
     first = np.searchsorted(parent[order], np.arange(cell.max(initial=-1) + 2))
     numbers = (first[1:] - first[:-1])[cell]
@@ -229,6 +229,6 @@ def _of_children(
 
 
 def _gap(low: np.ndarray, high: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """How far boxes are apart."""
+    """Return the distances of boxes."""
     apart = np.maximum(np.maximum(low - most, least - high), 0.0)
     return np.sqrt(np.sum(apart * apart, axis=-1))

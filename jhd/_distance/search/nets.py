@@ -40,13 +40,13 @@ from jhd.progress import Callback
 
 
 def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
-    """Minimum distance of curves and parametric surfaces, in common coordinates, with derivatives in both."""
+    """Return the minimum distance of curves and parametric surfaces, differentiable in both."""
     nets = net_of(a), net_of(b)
     counts = nets[0].points.shape[0], nets[1].points.shape[0]
     p, q, frame, error = prepare_nets(*undifferentiated(nets))
     problem = Parametric(p, q, np.asarray(error, p.points.dtype))
     wanted = wanted_gap([extremes(net.points) for net in (p, q)], frame, method, problem.floor)
-    # Inside jit all operations are traced, those on known numbers too.
+    # Inside jit all operations are traced, also on known numbers.
     if is_tracing(problem, wanted):
         search = _TracedMinimum(counts, method.queue_size, method.max_steps)
         found = by_kept_program(
@@ -69,7 +69,7 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -
 
 
 class _TracedMinimum(NamedTuple):
-    """The search from all pairs of so many pieces, in one program."""
+    """The search over all pairs of the first `counts` pieces, in one compiled function."""
 
     counts: tuple[int, int]
     capacity: int
@@ -86,7 +86,7 @@ def _all_pairs(counts: tuple[int, int], capacity: int, problem: Parametric) -> C
 
 
 def _outcome(problem: Parametric, wanted: WantedGap, reached: Reached) -> Outcome:
-    """Bounds and points of the search as it stands, the nearest pair polished."""
+    """Return bounds and points of the search as it stands, the nearest pair polished."""
     a, b, error = problem
     dtype, n = reached.lower.dtype, a.parameters
     best = polished(a, b, reached.best)
@@ -105,7 +105,7 @@ _begun = compiled(begin, (3,))
 def _stretch(
     problem: Parametric, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
 ) -> tuple[ClosestState, Outcome, Array]:
-    """Goes on for some steps, and says how the search stands, in four numbers."""
+    """Take some steps, and return the table, the outcome and four numbers on the progress."""
     state = advance(problem, wanted, state, limit, growing)
     return state, _outcome(problem, wanted, reached_by(state)), news_of(problem, wanted, state, growing)
 
@@ -114,10 +114,10 @@ _shown = compiled(_outcome)
 
 
 def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """The pairs of pieces whose boxes are not farther apart than two points of the shapes, padded to a power of two.
+    """Return the pairs of pieces with boxes within an upper bound of the distance, padded to a power of two.
 
-    Corners of pieces are points of the shapes. The slack is far more than the roundings of boxes and lengths; of pairs
-    left out nothing has to be known, since their distance is larger.
+    Corners of pieces are points of the shapes. The slack is far more than the roundings of boxes and lengths. Pairs
+    left out do not matter, since their distance is larger.
     """
     if counts[0] > counts[1]:
         pairs, valid = _near_pairs(b, a, (counts[1], counts[0]))

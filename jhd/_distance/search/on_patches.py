@@ -1,17 +1,17 @@
 """Nearest points of parametric surfaces and curves in space, proven, for many queries at once.
 
 The first feet come from samples of the surface and a few steps of Newton's method. Most of them are proven at once: the
-distance is convex over a part of the piece about the foot, and all parts that boxes do not exclude lie within it
+distance is convex over a part of the piece about the foot, and this part contains all parts that boxes do not exclude
 (jhd._distance.search.patch_boxes).
 
 Each remaining query is a pair search of a point and a net (jhd._distance.cells.pairs). The cells of all queries wait in
 one list: a compiled function bounds a block of them, and the host cuts the cells that may still hold a nearer point. So
-the work depends on the cells alone, whichever query they belong to.
+the work depends only on the number of cells, not on their distribution over queries.
 
-Rounding. Surfaces far from the origin are moved there along axes where that is exact; queries are moved with them, and
-the rounding of that is taken from the bounds. The control points are taken relative to the query, which rounds each
-coordinate once, and scaled by a power of two to at most one, for each pair of query and piece: bounds of a cell are
-relative to how far away its piece is.
+Rounding. Surfaces far from the origin are moved there along the axes on which the move is exact. Queries are moved with
+them, and the bounds include the rounding of this move. The control points are taken relative to the query, which rounds
+each coordinate once, and scaled by a power of two to at most one, for each pair of query and piece: bounds of a cell
+are relative to how far away its piece is.
 """
 
 from functools import cached_property
@@ -39,27 +39,27 @@ from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import compiled, optimized
 from jhd._triangles.closest_point import outward
 
-# Samples of a piece along each parameter from which feet are looked for, and Newton steps for feet.
+# Samples of a piece along each parameter from which feet are searched, and Newton steps for feet.
 _SAMPLES, _FOOT_STEPS = 6, 10
-# Queries or cells that are bounded side by side: few, since often there are no more.
+# Queries or cells that are bounded in one batch: few, since often there are no more.
 _LANES = 8
 # Distances are equal if they differ by less than this many units of roundoff of the surface and the distance.
 _TIED = 16
-# Feet no farther from a place onto which an edge is collapsed are looked for all around it.
+# Feet no farther from a pole, a point onto which an edge is collapsed, are searched all around it.
 _AT_POLE = 1e-5
-# Ways from a pole lead to places this far from samples, as a share of the parameters, and bend by less than this angle.
+# Directions from a pole lead to points this far from samples (fraction of the parameters), and bend by at most this.
 _INSIDE, _BENT = 2.0**-10, 0.05
-# Newton steps that mend feet, and how much they may change parameters.
+# Newton steps that correct feet, and how much they may change parameters.
 _MENDING, _MENDED = 2, 1e-6
-# Cells of a query from which on squares bound them too. They do from the first cell on for queries with no convex part,
-# such as those on an axis of revolution.
+# Cells of a query from which on squares bound them too. Queries with no convex part, for example on an axis of
+# revolution, use squares from the first cell on.
 _HARD = 64
 # Half sides of the parts about feet that are bounded first: the first serves nearly all points of smooth surfaces, the
-# last those near poles and centers of curvature.
+# last the points near poles and centers of curvature.
 _REACHES = 2.0**-3, 2.0**-5, 2.0**-7
-# A query that needs more cells than this keeps the bounds it has; where there are few, those of all together.
+# A query that needs more cells keeps the bounds it has; for few queries the second number limits all cells together.
 _MOST, _MOST_OF_ALL = 4096, 1 << 17
-# A query may be so many powers of two farther away than the surface is large before its coordinates would overflow.
+# Largest distance of a query, in powers of two of the size of the surface, before its coordinates would overflow.
 _FAR = {8: 900, 4: 90}
 # The gap at which a query is done, in units of roundoff of its distance and the size of the surface.
 _CLOSE = 512
@@ -77,7 +77,7 @@ class _Feet(NamedTuple):
     take = taken
 
     def put(self, rows: np.ndarray, new: "_Feet") -> None:
-        """Exchanges some of them."""
+        """Replace the feet of some queries."""
         for held, found in zip(self, new, strict=True):
             held[rows] = found
 
@@ -92,9 +92,9 @@ class NetTarget(AbstractTarget):
         given: Any = np.asarray(net.points)
         weights: Any = net.weights
         frame = frame_of([extremes(given)], center=exact_middle)
-        # Along axes where moving would round it is zero.
+        # On axes on which moving would round, the center is zero.
         self._is_moved = bool(np.any(frame.center))
-        # Twice the unit about the middle: that of a surface with a corner at the origin.
+        # Twice the unit about the middle, which is the unit of a surface with a corner at the origin.
         self.exponent = int(frame.first + frame.second) + self._is_moved
         points, self._center = (
             np.ldexp(x, int(frame.first) - self.exponent)
@@ -108,14 +108,14 @@ class NetTarget(AbstractTarget):
         self._padded = Net(points[index], None if weights is None else weights[index])
         places = np.linspace(0.0, 1.0, _SAMPLES)
         samples = samples_of(self.net, places)
-        # Samples are numbered by their places along each parameter.
+        # Samples are numbered by their indices along each parameter.
         self._places, self._strides = places.astype(points.dtype), _SAMPLES ** np.arange(self.net.parameters)[::-1]
         found = starts_among(samples.reshape(self.count, *[_SAMPLES] * self.net.parameters, 3))
         self._rows, self._beside, self._at_poles = found
         samples = samples.reshape(-1, 3)
         self._samples = SampledStarts(samples[self._rows].astype(points.dtype))
         self._poles = SampledStarts(samples[self._at_poles[:, 0]].astype(points.dtype))
-        # Feet are rounded once where they are moved back.
+        # Moving feet back rounds them once.
         back = np.sqrt(3) * gamma(2, points.dtype) * float(np.max(np.abs(given))) if self._is_moved else 0.0
         self._off = float(np.ldexp(point_error(self.net), self.exponent)) + back
 
@@ -150,19 +150,19 @@ class NetTarget(AbstractTarget):
 
     @override
     def error(self, found: ProvenFeet) -> np.ndarray:
-        # The unit of queries from afar is larger, and what rounding leaves of feet with it.
+        # The unit of far queries is larger, and so is the rounding of their feet.
         u = unit_roundoff(found.distance.dtype)
         return np.maximum(found.upper - found.distance, 0.0) + 8 * u * found.distance + self._off
 
     @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """Parts of the pieces, and the feet themselves."""
+        """Return flat parts of the pieces, and the feet themselves."""
         scale, center = -self.exponent, self._center
         scaled = feet._replace(point=np.ldexp(feet.point, scale) - center, error=np.ldexp(feet.error, scale))
         found = in_blocks(_beside, self._padded, *scaled, np.ldexp(corners, scale) - center)
         origin, first, second, sag = (np.ldexp(x, self.exponent) for x in (found.origin + center, *found[1:]))
         if self._is_moved:
-            # Feet were rounded where they were moved, and all origins are where they are moved back.
+            # Feet were rounded when they were moved, and all origins when they are moved back.
             sag = sag + 4 * gamma(4, sag.dtype) * np.max(np.abs(origin), axis=-1)
         return Flats(origin, first, second, sag)
 
@@ -183,7 +183,7 @@ class NetTarget(AbstractTarget):
         return self._placed(feet, shift, lower, closed, scaled)
 
     def _placed(self, feet: _Feet, shift: int, lower: np.ndarray, closed: np.ndarray, scaled: np.ndarray) -> ProvenFeet:
-        """The feet of scaled queries in the user's coordinates."""
+        """Return the feet of scaled queries in the user's coordinates."""
         unit, off, dtype = self.exponent + shift, self._moved_by(scaled), scaled.dtype
         x = feet.x if feet.x.shape[1] == 2 else np.concatenate([feet.x, np.zeros_like(feet.x)], axis=1)
         low, high = outward(lower - off, unit, dtype, -1), outward(feet.upper + off, unit, dtype, 1)
@@ -198,7 +198,7 @@ class NetTarget(AbstractTarget):
         )
 
     def within(self, points: np.ndarray, upper: float) -> np.ndarray:
-        """Which of the points may be this near, by the boxes of the pieces."""
+        """Return a mask of the points that may be within `upper` of the surface, by the boxes of the pieces."""
         scaled, shift = self._scaled(points)
         room = 1 + gamma(64, points.dtype)
         with np.errstate(over="ignore"):
@@ -208,7 +208,7 @@ class NetTarget(AbstractTarget):
         return found
 
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, int]:
-        """The queries in the unit of the surface, or in a larger one by a power of two where they would overflow."""
+        """Return the queries in the unit of the surface times a power of two that avoids overflow, and the power."""
         shift = max(0, int(common_exponent(points)) - self.exponent - _FAR[points.dtype.itemsize])
         return np.ldexp(points, -(self.exponent + shift)) - np.ldexp(self._center, -shift), shift
 
@@ -219,11 +219,11 @@ class NetTarget(AbstractTarget):
         return self._padded if shift == 0 else self._padded._replace(points=np.ldexp(self._padded.points, -shift))
 
     def _near(self, points: np.ndarray, shift: int) -> _Feet:
-        """Feet near the nearest samples, and what is left of the distance after some steps from there."""
-        # Where the queries are in a larger unit than the samples they only start elsewhere.
+        """Return feet near the nearest samples, after some Newton steps."""
+        # Queries in a larger unit than the samples only start elsewhere.
         feet = self._from_samples(points, shift, self._rows[self._samples.nearest(points)])
         size = float(np.ldexp(1.0, -shift))
-        # Inside of a piece that is all; on its border the nearest of that and of those on its neighbors counts.
+        # Inside a piece this suffices. On its border feet on neighboring pieces may be nearer.
         rows = np.flatnonzero(np.any((feet.x <= 0) | (feet.x >= 1), axis=1))
         place = np.rint(feet.x[rows] * (_SAMPLES - 1)).astype(int)
         sample = self._beside[feet.piece[rows] * _SAMPLES ** place.shape[1] + place @ self._strides]
@@ -234,7 +234,7 @@ class NetTarget(AbstractTarget):
         return feet
 
     def _look_around_poles(self, feet: _Feet, points: np.ndarray, shift: int) -> None:
-        """Looks for feet beside a pole from all samples around it: Newton's method turns by less than 45 degrees."""
+        """Search feet near a pole from all samples around it: Newton's method turns by less than 45 degrees."""
         if not len(self._at_poles):
             return
         there = np.ldexp(feet.point, shift)
@@ -243,7 +243,7 @@ class NetTarget(AbstractTarget):
         for start in range(0, len(near), BLOCK):
             rows = near[start : start + BLOCK]
             away = points[rows] - np.ldexp(self._poles.points[pole[rows]], -shift)
-            # From an apex no way leads nearer.
+            # From an apex no direction leads nearer.
             nearer = np.einsum("nk,nmk->nm", away, self._from_poles[pole[rows]])
             ahead = nearer >= -_BENT * np.max(np.abs(away), axis=1, keepdims=True)
             samples = self._at_poles[pole[rows]]
@@ -263,7 +263,7 @@ class NetTarget(AbstractTarget):
     def _settled_about(
         self, feet: _Feet, points: np.ndarray, net: Net, goal: np.ndarray, settled: np.ndarray
     ) -> SettledParts:
-        """Parts of pieces about the feet that are no nearer than `goal`; `settled` gets their lower bounds."""
+        """Return parts of pieces about feet, proven to hold nothing nearer than `goal`; bounds go to `settled`."""
         about = SettledParts.nothing(points, self.net.parameters)
         for reach in _REACHES:
             rows = np.flatnonzero((goal > 0) & (about.piece < 0))
@@ -280,14 +280,14 @@ class NetTarget(AbstractTarget):
     def _searched(
         self, points: np.ndarray, shift: int, enough: np.ndarray, apart: float, hasty: bool
     ) -> tuple[_Feet, np.ndarray, np.ndarray]:
-        """The best feet, proven lower bounds, and whether these are close enough."""
+        """Return the best feet, proven lower bounds, and whether the bounds are close enough."""
         feet, dtype = self._near(points, shift), points.dtype
         net, u = self._shrunk(shift), float(np.finfo(dtype).eps)
         settled, work = np.full(len(points), np.inf), np.zeros(len(points), int)
         polished_at = feet.x.copy()
 
         def goal() -> np.ndarray:
-            """Cells with bounds from here on need not be looked at."""
+            """Return the bound from which on cells need no search."""
             size = np.ldexp(1.0, -shift)
             close = _CLOSE * u * np.minimum(feet.upper + size, np.maximum(64 * feet.upper, size))
             return np.where(feet.upper <= enough, -np.inf, feet.upper - np.maximum(close, apart))
@@ -333,7 +333,7 @@ class NetTarget(AbstractTarget):
 
 
 def _halved(cells: PieceParts, axis: np.ndarray) -> PieceParts:
-    """Both halves of every cell; one of what has shrunk to a point."""
+    """Return both halves of every cell; a cell that has shrunk to a point stays whole."""
     along = axis[:, None] == np.arange(cells.low.shape[1])
     middle = 0.5 * (cells.low + cells.high)
     first = cells._replace(high=np.where(along, middle, cells.high))
@@ -342,10 +342,10 @@ def _halved(cells: PieceParts, axis: np.ndarray) -> PieceParts:
 
 
 def _take_over(feet: _Feet, who: np.ndarray, found: _Feet, size: float = 0.0) -> None:
-    """The feet found, of any queries, where they are nearer than those known.
+    """Replace the feet of queries by the feet found if these are nearer.
 
-    Of feet that are equal up to rounding, on a surface of some size, one counts that no border of a piece holds: a
-    neighbor of the piece may have the foot, and its distance tells it to within the root of rounding only.
+    Of feet that are equal up to rounding, a foot that no border of a piece holds is preferred: the neighboring piece
+    may have the foot, and its distance determines it only to the root of rounding.
     """
     new, old = (
         x.upper + np.where(np.any((x.x <= 0) | (x.x >= 1), axis=1), _TIED, 0) * _rounding(x, size)
@@ -353,13 +353,13 @@ def _take_over(feet: _Feet, who: np.ndarray, found: _Feet, size: float = 0.0) ->
     )
     old = old[who]
     order = np.lexsort((-new, who))
-    # Of each query the nearest is written last.
+    # The nearest foot of each query is written last.
     rows = order[new[order] < old[order]]
     feet.put(who[rows], found.take(rows))
 
 
 def _rounding(feet: _Feet, size: float) -> np.ndarray:
-    """One unit of roundoff of a size and the distances; none without a size."""
+    """Return one unit of roundoff of a size and the distances; zero without a size."""
     return float(np.finfo(feet.x.dtype).eps) * (size + feet.upper) if size else np.zeros(len(feet.upper))
 
 
@@ -372,7 +372,7 @@ class _About(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Bound on what taking differences moves a control point by, flushed digits included, in the unit."""
+        """Bound the error of a control point by differences, flushed digits included, in the unit."""
         return gamma(4, self.piece.points.dtype)
 
 
@@ -386,7 +386,7 @@ def _about(net: Net, point: Array, piece: Array) -> _About:
 
 
 def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tuple[Array, Array, Array]:
-    """Bounds and a distance in the unit of the surface; what is flushed there counts."""
+    """Return bounds and a distance in the unit of the surface, including the error of flushing."""
     dtype = distance.dtype
     tiny = 64 * smallest_normal(dtype)
     low = jnp.maximum(lower - about.error, 0.0) * (1 - gamma(4, dtype))
@@ -397,7 +397,7 @@ def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tupl
 
 @optimized
 def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> Any:
-    """Upper bounds, distances, parameters and points of pieces near the starts, moved towards the nearest."""
+    """Return upper bounds, distances, parameters and points of pieces near the starts, moved towards the nearest."""
 
     def one(point: Array, k: Array, x: Array) -> Any:
         about = _about(net, point, k)
@@ -413,7 +413,7 @@ def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> 
 
 @compiled
 def _bounded(net: Net, count: Array, points: Array, piece: Array, low: Array, high: Array) -> Any:
-    """Bounds, a foot, and what is left of cells, with the axis to cut along."""
+    """Return bounds and a foot for each cell, the part of it that remains, and the axis to cut along."""
 
     def one(point: Array, k: Array, low: Array, high: Array) -> Any:
         about = _about(net, point, k)
@@ -431,7 +431,7 @@ def _bounded(net: Net, count: Array, points: Array, piece: Array, low: Array, hi
 
 @compiled
 def _beside(net: Net, count: Array, point: Array, error: Array, segment: Array, t: Array, corners: Array) -> Flats:
-    """Flat pieces beside cells: parts of the net, then the feet themselves."""
+    """Return flat pieces near cells: parts of the net, then the feet themselves."""
 
     def one(point: Array, error: Array, segment: Array, t: Array, corners: Array) -> Flats:
         parts = jax.vmap(lambda k, x: beside_net(net, k, x, corners))(segment, t[:, : net.parameters])

@@ -31,14 +31,13 @@ from jhd._shapes.checks import empty_surface
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._triangles.closest_point import outward
 
-# Places of the cloud that feet are looked for from, Newton steps for feet, and queries side by side.
+# Points of the cloud from which feet are searched, Newton steps for feet, and queries in one batch.
 _STARTS, _FOOT_STEPS, _LANES = 4, 6, 64
-# The gap at which a query is done, as a share of the box, and in units of roundoff of its distance where that is more.
+# The gap at which a query is done, as a fraction of the box, or in units of roundoff of its distance if that is larger.
 _CLOSE, _ULPS = 1e-12, 64
 # Queries whose distances to all cells of a cover are formed at once.
 _ROWS = 1024
-# A hasty query with more open cells is given up, unless it is by itself: then its distance is bounded by as many
-# graphs at most.
+# A hasty query with more open cells is given up; if it is alone, at most this number of graphs bounds it.
 _MANY, _GRAPHS = 512, 1 << 12
 # A query this many boxes away takes the box for a point.
 _FAR = {8: 2.0**56, 4: 2.0**26}
@@ -81,7 +80,7 @@ class SurfaceTarget(AbstractTarget):
 
     @override
     def feet(self, points: np.ndarray) -> np.ndarray:
-        """Infinite where no point of the surface is proven."""
+        """Return upper bounds of the distances by feet; infinite if no point of the surface is proven."""
         x, far = self._scaled(points)
         upper = in_blocks(_feet, self.target, x)[0].astype(np.float64)
         upper = outward(upper + moved_by(x), self.exponent, points.dtype, 1)
@@ -107,7 +106,7 @@ class SurfaceTarget(AbstractTarget):
 
     @override
     def error(self, found: ProvenFeet) -> np.ndarray:
-        """Within which the surface has a point of each foot.
+        """Bound the distance of each foot from the surface.
 
         In the common unit let r <= 1 be the length within which the surface is proven to have a point of a foot, R the
         `reach` of the foot from the query, and F >= R + r the proven distance by it. A foot is taken if
@@ -115,9 +114,9 @@ class SurfaceTarget(AbstractTarget):
 
             r <= F - R <= upper - d + 8 u (1 + F) + 6 u d,  F <= (d + r) (1 + 32 u),
 
-        also where d is cut off at `upper`. Placing the foot rounds each coordinate once, relative to the largest one of
-        the box, M. With the roundings of this sum it is below upper - d + 20 u (d + 1 + M). Where the box counts as one
-        place, 32 u d alone is longer than r.
+        also if d is cut off at `upper`. Placing the foot rounds each coordinate once, relative to the largest one of
+        the box, M. With the roundings of this sum r is below upper - d + 20 u (d + 1 + M). If the box counts as one
+        point, 32 u d alone is larger than r.
         """
         info, u = np.finfo(found.distance.dtype), unit_roundoff(found.distance.dtype)
         known = np.isfinite(found.upper) & np.isfinite(found.distance)
@@ -129,13 +128,13 @@ class SurfaceTarget(AbstractTarget):
 
     @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """Parallelograms in tangent planes, and the feet themselves; in common coordinates."""
+        """Return parallelograms in tangent planes, and the feet themselves; in common coordinates."""
         point, error = np.where(np.isfinite(feet.point), feet.point, 0.0), feet.error
         return in_blocks(_beside, self.target, point, error, corners)
 
     @override
     def parameters(self, t: np.ndarray) -> np.ndarray:
-        """There are none."""
+        """Return NaN: an implicit surface has no parameters."""
         return np.full(len(t), np.nan)
 
     @override
@@ -155,7 +154,7 @@ class SurfaceTarget(AbstractTarget):
         if hasty and len(x) == 1 and open_[0]:
             found = self._by_graphs(x[0], upper[0], 0.5 * allowed[0]) - moved_by(x)[0]
             lower[0] = max(lower[0], min(found, upper[0]))
-        # The distance stays that of the foot: `error` says by it how near the surface is to the foot.
+        # The distance is still the distance of the foot: `error` derives from it how near the surface is to the foot.
         lower = np.minimum(lower, distance)
         closed = (upper - lower <= allowed) | (upper <= least)
         low, high = (outward(end, self.exponent, points.dtype, sign) for end, sign in ((lower, -1), (upper, 1)))
@@ -164,7 +163,7 @@ class SurfaceTarget(AbstractTarget):
         low, high = np.where(far, own, low), np.where(far, other, high)
         places = np.where(far[:, None], np.asarray(self.frame.place(self._point)), places)
         known = np.isfinite(high)
-        # Of a query far away the box is one place, which is as far as the bounds say.
+        # For a far query the box is one point, at the distance given by the bounds.
         closed = np.where(far, (high - low <= share * high) | (high <= enough), closed)
         distance = np.where(far, 0.5 * low + 0.5 * high, np.ldexp(distance, self.exponent))
         distance = np.where(known, np.clip(distance, low, high), np.inf)
@@ -179,14 +178,14 @@ class SurfaceTarget(AbstractTarget):
         )
 
     def _by_graphs(self, point: np.ndarray, upper: float, close: float) -> float:
-        """A lower bound of the distance of a query of which a whole curve or region may be nearest.
+        """Return a lower bound of the distance of a query for which a whole curve or region may be nearest.
 
         Cells that are crossed in one sheet are bounded by their graphs, to the eighth order of their size.
 
         Args:
             point: the query.
             upper: an upper bound.
-            close: by how much the bounds may be apart.
+            close: gap that the bounds may have.
         """
         side, cover, most = self.target.side, self.target.cover, _GRAPHS
         low, high = (np.asarray(end).T[np.asarray(cover.alive)] for end in cover[:2])
@@ -205,7 +204,7 @@ class SurfaceTarget(AbstractTarget):
             low, high, _ = eighths(side, low[left], high[left])
 
     def within(self, points: np.ndarray, upper: float) -> np.ndarray:
-        """Which of the points may be this near, by the cover."""
+        """Return a mask of the points that may be within `upper` of the surface, by the cover."""
         x, far = self._scaled(points)
         cover = self.target.cover
         low, high = (np.asarray(end, np.float64).T[np.asarray(cover.alive)] for end in cover[:2])
@@ -213,7 +212,7 @@ class SurfaceTarget(AbstractTarget):
         with np.errstate(over="ignore"):
             wanted = float(np.ldexp(float(upper), -self.exponent)) * (1 + room)
         least = wanted + room * (1 + np.max(np.abs(x), axis=1).astype(np.float64))
-        # No query that is not far away is this far; larger numbers have no square.
+        # Every query that is not far away is nearer; larger numbers have no square.
         least = np.minimum(least, 1e150)
         found = [
             np.any(np.sum(np.maximum(np.maximum(low - p, p - high), 0.0) ** 2, axis=-1) <= r**2, axis=1)
@@ -224,17 +223,17 @@ class SurfaceTarget(AbstractTarget):
         return np.where(far, self._from_afar(points)[0] <= upper, np.concatenate(found))
 
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The queries in common coordinates, those far away replaced, and which of them are."""
+        """Return the queries in common coordinates, with zeros for far queries, and a mask of the far queries."""
         with np.errstate(over="ignore"):
             x = common_points(self.frame, points)
         far = ~np.all(np.abs(x) <= _FAR[points.dtype.itemsize], axis=1)
         return np.where(far[:, None], 0.0, x).astype(points.dtype), far
 
     def _from_afar(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds by the box and by one proven point, in the unit of the points.
+        """Bound the distances by the box and by one proven point, in the unit of the points.
 
-        Each query has a power of two of its own, by which no coordinate is above one. What scaling loses below the
-        normal numbers, and the roundings in double precision, are a small part of the slack.
+        Each query has a power of two of its own, by which no coordinate is above one. Losses below the normal numbers,
+        and the roundings in double precision, are a small part of the slack.
         """
         dtype = points.dtype
         side = self.target.side
@@ -253,9 +252,9 @@ class SurfaceTarget(AbstractTarget):
 
 
 def _mended(target: Target, point: Array, known: NearestOnSurface) -> tuple[Array, Array]:
-    """A foot after some more Newton steps, with the proven distance, which is the known one where that is less.
+    """Return a foot after some more Newton steps, and the smaller one of its proven distance and the known one.
 
-    Of two as near but for rounding the mended one is the foot: the distance hardly changes where the foot does.
+    If both are equally near up to rounding, the new foot is returned: the distance hardly changes when the foot does.
     """
     found = local_feet(target.side, point[:, None], known.foot[:, None], _FOOT_STEPS)
     mended, upper = proven_distances(target.side, point, found)[0], known.upper
@@ -265,7 +264,7 @@ def _mended(target: Target, point: Array, known: NearestOnSurface) -> tuple[Arra
 
 @compiled
 def _feet(target: Target, count: Array, points: Array) -> Any:
-    """Feet of all places side by side: one long row is twice as fast as many short ones."""
+    """Return feet of all points as one long row, which is twice as fast as many short rows."""
 
     def group(points: Array) -> tuple[Array, Array]:
         starts = jax.vmap(lambda point: nearest_places(target.cloud, point, _STARTS))(points)
@@ -284,7 +283,7 @@ def _feet(target: Target, count: Array, points: Array) -> Any:
             return jnp.min(far, axis=1), jnp.stack(place, axis=1)
 
         upper, foot = nearest_of(far + radius)
-        # Where no place is proven the search for signs is a longer one.
+        # If no point is proven, a longer search for signs follows.
         again = lambda: nearest_of(far + with_singular_radius(target.side, places, radius))  # noqa: E731
         return jax.lax.cond(jnp.any(jnp.isinf(upper)), again, lambda: (upper, foot))
 
@@ -293,13 +292,13 @@ def _feet(target: Target, count: Array, points: Array) -> Any:
 
 @compiled
 def _nearest(target: Target, count: Array, points: Array, least: Array, most: Array) -> Any:
-    """Bounds and feet, one query after the other."""
+    """Return bounds and feet, one query after the other."""
     close = jnp.asarray(max(_CLOSE, _ULPS * unit_roundoff(points.dtype)), points.dtype)
 
     def one(point: Array, least: Array, most: Array) -> Any:
         starts = nearest_places(target.cloud, point, _STARTS)
         found = nearest(target.side, target.cover, point, starts, least, close, most=most)
-        # Distances are as good as they get where feet are off by the root of that; some steps mend it.
+        # Distances are accurate when feet are off by the root of the roundoff; some steps correct the feet.
         return found.lower, *_mended(target, point, found)
 
     return each(one, count, (points, least, most), 1)
@@ -307,6 +306,7 @@ def _nearest(target: Target, count: Array, points: Array, least: Array, most: Ar
 
 @compiled
 def _from_graphs(shapes: tuple[Side, Array], count: Array, low: Array, high: Array) -> Array:
+    """Return lower bounds of the distance from a point to the surface in cells, by graphs of the surface."""
     side, point = shapes
     net, first, zero = Net(point[None, None, None], None), jnp.zeros((), int), jnp.zeros(1, low.dtype)
 
@@ -320,7 +320,7 @@ def _from_graphs(shapes: tuple[Side, Array], count: Array, low: Array, high: Arr
 
 @compiled
 def _beside(target: Target, count: Array, point: Array, error: Array, corners: Array) -> Flats:
-    """Flat pieces beside cells: in tangent planes, then the feet themselves."""
+    """Return flat pieces near cells: in tangent planes, then the feet themselves."""
 
     def one(point: Array, error: Array, corners: Array) -> Flats:
         flat, feet = beside_surface(target.side, point, error, corners), of_points(point, error)

@@ -26,14 +26,14 @@ class _Queue(NamedTuple):
 
 
 class QueuedSearch(AbstractSearch):
-    """The search from the host.
+    """The search over queued pairs, from the host.
 
     Args:
         lower: the lower bounds of all pairs, sorted.
-        filled: makes the table with the pairs from one on.
-        stretch: goes on from a table until a limit of steps, growing or not, where pairs with a lower bound wait beside
-            it; gives the table, the outcome and `news_of`.
-        closed: the bound from which on pairs need not be looked at, for a table.
+        filled: makes the table with the pairs from an index on.
+        stretch: advances a table up to a limit of steps, growing or not, given a lower bound of the pairs outside the
+            table; returns the table, the outcome and `news_of`.
+        closed: returns the bound at which pairs are closed, for a table.
         max_steps: most steps.
     """
 
@@ -72,12 +72,12 @@ class QueuedSearch(AbstractSearch):
         return state._replace(table=longer(state.table))
 
     def _bound(self, following: int) -> np.ndarray:
-        """The least bound of what waits; infinite where nothing does."""
+        """Return the least bound of the waiting pairs; infinite if none waits."""
         known = following < len(self._lower)
         return np.asarray(self._lower[following] if known else np.inf, self._lower.dtype)
 
     def _next(self, table: ClosestState, following: int) -> ClosestState:
-        """The table with the next pairs, and all that is known so far."""
+        """Return a table with the next pairs and the results so far."""
         fresh = self._filled(following)
         room = table.lower.size
         while fresh.lower.size < room:

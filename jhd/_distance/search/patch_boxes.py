@@ -52,7 +52,7 @@ class PieceParts(NamedTuple):
 
 
 class SettledParts(NamedTuple):
-    """One part of a piece for each point, whose distance is bounded already: piece (-1 for none) and ends."""
+    """One part of a piece for each point, whose distance is already bounded: piece (-1 for none) and ends."""
 
     piece: Int[np.ndarray, " points"]
     low: Float[np.ndarray, "points parameters"]
@@ -60,7 +60,7 @@ class SettledParts(NamedTuple):
 
     @classmethod
     def nothing(cls, points: np.ndarray, parameters: int) -> "SettledParts":
-        """Nothing for any point."""
+        """Return no part for each point."""
         low, high = np.zeros((2, len(points), parameters), points.dtype)
         return cls(np.full(len(points), -1), low, high)
 
@@ -111,7 +111,7 @@ class PatchBoxes:
         settled: SettledParts | None = None,
         goal: Float[np.ndarray, " points"] | None = None,
     ) -> PieceParts:
-        """All parts of pieces within some distance of points, except those that are settled.
+        """Return all parts of pieces within some distance of points, except settled parts.
 
         Points with a settled part get small parts, other points get whole pieces.
 
@@ -143,6 +143,7 @@ class PatchBoxes:
         settled: SettledParts,
         power: int,
     ) -> list[PieceParts]:
+        """Return the parts near points, from the top nodes down; only points with a settled part get cut pieces."""
         who, node = np.repeat(np.arange(len(points)), len(self._top)), np.tile(self._top, len(points))
         found = []
         while True:
@@ -168,7 +169,7 @@ class PatchBoxes:
             who, node = np.repeat(who[cut], children), np.repeat(first[cut], children) + number
 
     def _cut(self, node: np.ndarray) -> None:
-        """Adds the parts of nodes; each may be named often."""
+        """Add the parts of nodes; nodes may be repeated."""
         if len(node) < _WORTH:
             return
         held, parameters = len(self._nodes.piece), self._nodes.low.shape[1]
@@ -184,7 +185,7 @@ class PatchBoxes:
         self._nodes = nodes
 
     def _parts(self, piece: np.ndarray, low: np.ndarray, high: np.ndarray) -> _PartNodes:
-        """The parts as nodes; one with a weight that rounding may have changed much has an infinite box."""
+        """Return the parts as nodes; a part with a weight that rounding may have changed much has an infinite box."""
         rows = restricted(self._rows[piece], low, high)
         least = np.min(rows[..., 3], axis=(1, 2))
         good = least > 4 * self._off
@@ -194,7 +195,7 @@ class PatchBoxes:
 
 
 def _uncut(piece: np.ndarray, low: np.ndarray, high: np.ndarray, points: np.ndarray, off: np.ndarray) -> _PartNodes:
-    """Nodes without children, from control points (parts, rows, columns, 3) with errors of at most `off` (parts,)."""
+    """Return nodes without children, from control points (parts, rows, columns, 3) with errors of at most `off`."""
     rows = points.reshape(len(points), -1, 3)
     box, straight = (_boxes(rows, axes, off) for axes in (_axes(points), np.eye(3)[None]))
     # Boxes along the coordinates fit parts that are symmetric in them, such as octants of spheres.
@@ -204,7 +205,7 @@ def _uncut(piece: np.ndarray, low: np.ndarray, high: np.ndarray, points: np.ndar
 
 
 def _axes(points: np.ndarray) -> np.ndarray:
-    """Unit vectors (parts, 3, 3) along the longer side of parts, across it, and normal to both."""
+    """Return unit vectors (parts, 3, 3) along the longer side of parts, across it, and normal to both."""
     start, right, up, end = (points[:, i, j] for i, j in ((0, 0), (0, -1), (-1, 0), (-1, -1)))
     a, b = up + end - start - right, right + end - start - up
     longer = (length(a) >= length(b))[:, None]
@@ -217,7 +218,7 @@ def _axes(points: np.ndarray) -> np.ndarray:
 
 
 def _boxes(points: np.ndarray, axes: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """Boxes (parts, 15) with these axes about points (parts, points, 3) with errors of at most `off` (parts,)."""
+    """Return boxes (parts, 15) with these axes about points (parts, points, 3), with errors up to `off`."""
     square = np.max(np.sum(np.abs(axes @ np.swapaxes(axes, 1, 2)), axis=2), axis=1) + _ROUNDINGS
     axes = axes / (np.sqrt(square) * (1 + _ROUNDINGS))[:, None, None]
     along = points @ np.swapaxes(axes, 1, 2)
@@ -228,7 +229,7 @@ def _boxes(points: np.ndarray, axes: np.ndarray, off: np.ndarray) -> np.ndarray:
 
 
 def _distances(box: np.ndarray, points: np.ndarray, power: int) -> np.ndarray:
-    """Distances of points (pairs, 3) from boxes (pairs, 15), rounded down but for errors of projections."""
+    """Return distances of points (pairs, 3) from boxes (pairs, 15), rounded down but for errors of projections."""
     middle, half = (np.ldexp(x, -power) if power else x for x in (box[:, 9:12], box[:, 12:]))
     along = np.einsum("nxd,nd->nx", box[:, :9].reshape(-1, 3, 3), points)
     apart = np.ascontiguousarray(np.maximum(np.abs(along - middle) - half, 0.0).T)

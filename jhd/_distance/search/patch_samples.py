@@ -1,4 +1,4 @@
-"""Samples of parametric shapes: starts for the search of feet, and samples at the same point; nothing is proven."""
+"""Samples of parametric shapes: starts for the search of feet, and groups of equal samples; nothing is proven."""
 
 from functools import cached_property
 from typing import NamedTuple
@@ -9,19 +9,18 @@ from jhd._arithmetic.bernstein import binomials
 from jhd._distance.normalization.net_jets import Net
 from jhd._triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, point_tree
 
-# Pairs of queries and samples of which all are looked at, which takes no longer than to make a tree of some thousand
-# samples; and how many of them at once, few enough for the cache of a processor.
+# Largest number of pairs of queries and samples that are all compared, as fast as making a tree of some thousand
+# samples; and pairs compared at once, few enough for the cache of a processor.
 _FEW, _AT_ONCE = 1 << 21, 1 << 16
 
-# Samples of pieces that count as neighbors, and in how many units a length of one is divided to tell whether samples
-# are at one place.
+# Samples of other pieces that count as neighbors, and cells along a unit of length: samples in one cell are equal.
 _MOST, _SAME = 3, 2.0**30
-# Samples around a place onto which an edge is collapsed: those of sixteen pieces.
+# Samples around a pole, onto which an edge is collapsed: the samples of sixteen pieces.
 _MOST_AROUND = 96
 
 
 def samples_beside(samples: np.ndarray) -> np.ndarray:
-    """For each sample some of other pieces at the same place, (all samples, _MOST), -1 for none.
+    """Return for each sample some equal samples of other pieces, (all samples, _MOST), -1 for none.
 
     Args:
         samples: of all pieces (pieces, samples, 3), with coordinates of at most one.
@@ -29,7 +28,7 @@ def samples_beside(samples: np.ndarray) -> np.ndarray:
     count = samples.shape[1]
     place = _places(samples.reshape(-1, 3))
     piece = np.arange(len(place)) // count
-    # Of a piece one sample at each place.
+    # One sample of each piece at each location.
     _, first = np.unique(place * len(samples) + piece, return_index=True)
     start, size = np.unique(place[first], return_index=True, return_counts=True)[1:]
     found = np.full((len(place), _MOST), -1)
@@ -41,18 +40,17 @@ def samples_beside(samples: np.ndarray) -> np.ndarray:
 
 
 def _places(points: np.ndarray) -> np.ndarray:
-    """The number of the place of each point (points, 3); those of one place have the same."""
+    """Return a number for the location of each point (points, 3); equal points have equal numbers."""
     return np.unique(np.rint(points * _SAME), axis=0, return_inverse=True)[1].ravel()
 
 
 class StartsOfFeet(NamedTuple):
-    """Starts of feet.
+    """Samples from which feet are searched.
 
     Args:
-        rows: the numbers of the samples that feet are looked for from.
-        beside: for each of all samples others at its place, or -1.
-        poles: (poles, most) the numbers of the samples of all pieces at each place onto which an edge is collapsed, -1
-            after the last one.
+        rows: the numbers of the samples from which feet are searched.
+        beside: for each of all samples the numbers of equal samples, or -1.
+        poles: (poles, most) the numbers of the samples of all pieces at each pole, -1 after the last one.
     """
 
     rows: np.ndarray
@@ -61,7 +59,7 @@ class StartsOfFeet(NamedTuple):
 
 
 def starts_among(samples: np.ndarray) -> StartsOfFeet:
-    """The samples that serve, and those at the same places; of pieces that are collapsed onto others there are none.
+    """Return the samples to start from and equal samples, without pieces that are collapsed onto others.
 
     Args:
         samples: of all pieces (pieces, places, 3) or (pieces, places, places, 3), with coordinates of at most one.
@@ -77,14 +75,14 @@ def starts_among(samples: np.ndarray) -> StartsOfFeet:
 
 
 def _coincide(samples: np.ndarray, axis: int) -> np.ndarray:
-    """Whether samples that are neighbors along an axis are at one place."""
+    """Return whether samples that are neighbors along an axis are equal."""
     return np.all(np.abs(np.diff(samples, axis=axis)) * _SAME <= 1, axis=-1)
 
 
 def _poles(samples: np.ndarray) -> np.ndarray:
-    """The numbers of the samples at each place where neighboring samples of a piece coincide, -1 after the last one.
+    """Return the numbers of the samples at each location of coinciding neighbors, -1 after the last one.
 
-    Of more than _MOST_AROUND samples at a place some are left out, evenly.
+    At most _MOST_AROUND evenly chosen samples are kept at a location.
     """
     alike = np.zeros(samples.shape[:-1], bool)
     for axis in range(1, samples.ndim - 1):
@@ -103,9 +101,9 @@ def _poles(samples: np.ndarray) -> np.ndarray:
 
 
 def _apart_from_others(samples: np.ndarray) -> np.ndarray:
-    """The numbers of the pieces but for those that are collapsed onto others, as those of empty knot spans are.
+    """Return the numbers of the pieces, without pieces collapsed onto others, such as empty knot spans.
 
-    A foot would be moved along a collapsed piece alone, where its neighbors hold the same points.
+    A foot on a collapsed piece could only move along it, and its neighbors hold the same points.
     """
     count = len(samples)
     along = range(1, samples.ndim - 1)
@@ -118,7 +116,7 @@ def _apart_from_others(samples: np.ndarray) -> np.ndarray:
 
 
 class SampledStarts:
-    """Which of some points is about nearest to queries: by all of them, or by a tree of them where there are many.
+    """Approximate nearest points among given points: by comparing all, or by a tree if there are many.
 
     Args:
         points: (points, 3), with coordinates of at most one.
@@ -136,7 +134,7 @@ class SampledStarts:
         return np.ascontiguousarray(self.points.T)
 
     def nearest(self, queries: np.ndarray) -> np.ndarray:
-        """The number of a point for each query (queries, 3); queries from afar only get some point."""
+        """Return the number of a point for each query (queries, 3); far queries only get some point."""
         if len(queries) * len(self.points) > _FEW:
             tree, rows = in_unit_of(self._tree, queries)
             return tree.order[nearest_triangles(tree, rows).triangle]
@@ -154,7 +152,7 @@ class SampledStarts:
 
 
 def samples_of(net: Net, places: np.ndarray) -> np.ndarray:
-    """Points of all pieces at a grid of parameters, about; in double precision, so that equal points stay equal."""
+    """Return approximate points of all pieces at a grid of parameters, in double precision: equal points stay equal."""
     p, q = net.degrees
 
     def basis(degree: int, t: np.ndarray) -> np.ndarray:

@@ -12,23 +12,23 @@ from jhd._shapes.curve import BezierSegments
 
 
 def is_points(shape: Any) -> bool:
-    """Whether a shape is a set of points."""
+    """Return whether a shape is a set of points."""
     return isinstance(shape, BezierSegments) and shape.degree == 0
 
 
 def point_mesh(points: BezierSegments) -> Any:
-    """A set of points as degenerate triangles; those of the plane lie at height zero."""
+    """Return a set of points as degenerate triangles; points of the plane lie at height zero."""
     rows = points.control_points
     rows = rows if points.dim == 3 else jnp.concatenate([rows, jnp.zeros_like(rows[..., :1])], axis=-1)
     return as_mesh(BezierSegments(rows))
 
 
 def nearest_points(points: Any, shape: Any) -> Any:
-    """The points that may be the nearest ones to a shape: the others are proven to be farther than one of them.
+    """Return the points that may be nearest to a shape: all others are proven to be farther than one of them.
 
     Args:
         points: a set of points, its numbers known; it may be differentiated.
-        shape: points, a TriangleMesh, BezierPatches or an ImplicitSurface, likewise.
+        shape: points, a TriangleMesh, BezierPatches or an ImplicitSurface, its numbers known as well.
     """
     rows = np.asarray(undifferentiated(points).control_points)[:, 0]
     target: Any = target_of(undifferentiated(shape))

@@ -1,8 +1,8 @@
 """The farthest point to full precision, on a parametric piece or a triangle: a proposal, nothing is proven.
 
-A search knows its place to about the root of the gap. Let d_k be the distances of a(x) to the feet that count, each
-followed on its piece of b or on an implicit surface (a point stays), g_k their gradients in the parameters x of a, and
-Z directions along the sides of the domain that hold x. At the maximum of the smallest of them all d_k are equal and
+A search knows its farthest point to about the root of the gap. Let d_k be the distances of a(x) to the feet that count,
+each followed on its piece of b or on an implicit surface (a point stays), g_k their gradients in the parameters x of a,
+and Z directions along the sides of the domain that hold x. At the maximum of the smallest of them all d_k are equal and
 sum l_k Z g_k = 0 with multipliers l_k of sum one. Newton's method takes the second derivatives of sum l_k d_k from
 differences of the gradients, which the envelope theorem gives without any derivatives of the feet.
 
@@ -24,19 +24,19 @@ from jhd._distance.normalization.net_jets import Net, jet
 from jhd._distance.search.row_batches import each, in_blocks
 from jhd._runtime.compiled import compiled
 
-# Newton steps; the first that is longer than this share of the domain ends them, and the first that is shorter.
+# Newton steps; they end at the first step longer than this fraction of the domain, or shorter than that one.
 _STEPS, _LONGEST, _SHORTEST = 8, 0.05, 1e-15
 # Newton steps towards a foot on an implicit surface.
 _FOOT_STEPS = 8
-# Of the domain, the steps of differences of gradients.
+# Step of the differences of gradients, as a fraction of the domain.
 _STEP = 1e-4
-# A side this near holds a place where the slope towards it is more than minus this share of the longest gradient; what
-# is nearer lies on it but for rounding.
+# A side this near holds a point if the slope towards it is more than minus this fraction of the longest gradient. At
+# the last distance the point lies on the side up to rounding.
 _BESIDE, _OUTWARD, _ROUNDED = 1e-6, 1e-6, 1e-15
 
 
 class _Followed(NamedTuple):
-    """Distances (places, feet), their gradients (places, feet, parameters), places and feet."""
+    """Distances (points, feet), their gradients (points, feet, parameters), points, and feet with parameters."""
 
     distance: np.ndarray
     gradient: np.ndarray
@@ -46,12 +46,12 @@ class _Followed(NamedTuple):
 
 
 class PlaceOnPiece(NamedTuple):
-    """A place on a piece of a parametric shape or a mesh.
+    """A point on a piece of a parametric shape or a mesh.
 
     Args:
-        shapes: that one, a net or triangles, and the other one, which may be an implicit surface too; None for points.
-        piece: which piece.
-        x: its parameters; of triangles the last two barycentric coordinates.
+        shapes: the shape of the point, a net or triangles, and the target: also an implicit surface; None for points.
+        piece: index of the piece.
+        x: its parameters; for triangles the last two barycentric coordinates.
     """
 
     shapes: Any
@@ -59,7 +59,7 @@ class PlaceOnPiece(NamedTuple):
     x: np.ndarray
 
     def moved(self, feet: FootRows) -> FootRows:
-        """Feet on the pieces where they are, moved to where they are nearest to the place."""
+        """Return feet, each moved along its piece until it is nearest to the point."""
         known = np.isfinite(feet.error)
         there = feet.take(known)
         found = _followed(self.shapes, self.piece, self.x[None], there)
@@ -70,12 +70,12 @@ class PlaceOnPiece(NamedTuple):
         return feet
 
 
-# A place that a search has found on pieces about it, with what follows its feet; those that are closest come first.
+# Leads from a point that a search has found to the point on pieces, on which feet are followed; the closest come first.
 About = Callable[[Any], list[PlaceOnPiece]]
 
 
 def place_of(shapes: Any, found: Any) -> list[PlaceOnPiece]:
-    """A place that a search has found, on its piece of the first of two shapes."""
+    """Return a point that a search has found, on its piece of the first of two shapes."""
     return [PlaceOnPiece(shapes, found.piece, found.x)]
 
 
@@ -87,12 +87,12 @@ class SharpenedPlace(NamedTuple):
 
 
 def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> SharpenedPlace | None:
-    """The maximum of the distance to the nearest of some feet, or None where none is found.
+    """Return the maximum of the distance to the nearest of some feet, or None if none is found.
 
     Args:
-        place: near the maximum.
-        feet: near its feet.
-        shares: their multipliers; feet whose multiplier is zero do not count.
+        place: a point near the maximum.
+        feet: points near its feet.
+        shares: multipliers of the feet; feet whose multiplier is zero do not count.
     """
     shapes, piece, x = place
     used = np.flatnonzero(shares > 0)
@@ -113,11 +113,11 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
         bent = along.T @ np.einsum("ikn,k->in", ahead - behind, shares) @ along / (2 * _STEP)
         step, shares = _newton(0.5 * (bent + bent.T), gradient @ along, found.distance[0])
         step = along @ step
-        # Feet that stay where they are cannot be lost.
+        # Fixed feet cannot be lost.
         longest = 1.0 if shapes[1] is None else _LONGEST
         if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > longest:
             return None
-        # A side that is met holds the place from the next step on, if it still would leave.
+        # A side that the step reaches holds the point from the next step on, if the point still would leave.
         x = _within(shapes[0], x + step)
         if np.max(np.abs(step)) < _SHORTEST:
             break
@@ -126,7 +126,7 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
 
 
 def _basic(slopes: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One more of some feet than there are directions, and multipliers with the same sum of slopes (Caratheodory)."""
+    """Return a subset of feet, one more than directions, and multipliers with the same sum of slopes (Caratheodory)."""
     kept = np.arange(len(shares))
     while len(kept) > slopes.shape[1] + 1:
         # Multipliers move along it, until the first is zero, and the sum stays.
@@ -140,7 +140,7 @@ def _basic(slopes: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _newton(bent: np.ndarray, slopes: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A step and multipliers: sum l_k (slope_k + ...) = 0, distances along it all equal, sum l_k = 1."""
+    """Return a step and multipliers: sum l_k (slope_k + ...) = 0, distances along it all equal, sum l_k = 1."""
     feet, n = slopes.shape
     matrix, right = np.zeros((n + feet + 1, n + feet + 1)), np.zeros(n + feet + 1)
     matrix[:n, :n], matrix[:n, n : n + feet] = bent, slopes.T
@@ -153,7 +153,7 @@ def _newton(bent: np.ndarray, slopes: np.ndarray, distance: np.ndarray) -> tuple
 
 
 def _domain(a: Net | Triangles, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of what is at most something within the domain of a piece, and what."""
+    """Return rows and bounds of the linear inequalities rows @ x <= bounds for the parameters of a piece."""
     eye = np.eye(n)
     if isinstance(a, Triangles):
         return np.concatenate([-eye, np.ones((1, 2))]), np.array([0.0, 0.0, 1.0])
@@ -161,13 +161,13 @@ def _domain(a: Net | Triangles, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _within(a: Net | Triangles, x: np.ndarray) -> np.ndarray:
-    """Parameters moved into the domain, and onto sides that only rounding keeps them from."""
+    """Return parameters moved into the domain, and onto sides that they miss by rounding only."""
     x = np.where(np.abs(x - np.round(x)) <= _ROUNDED, np.round(x), np.clip(x, 0.0, 1.0))
     return np.array([x[0], 1 - x[0]]) if isinstance(a, Triangles) and np.sum(x) > 1 - _ROUNDED else x
 
 
 def _held(a: Net | Triangles, x: np.ndarray, slope: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """The place moved onto the sides that hold it, and orthonormal directions (parameters, directions) along these."""
+    """Return the point moved onto the sides that hold it, and orthonormal directions along them as columns."""
     sides, room = _domain(a, len(x))
     held = (room - sides @ x <= _BESIDE) & (sides @ slope > -_OUTWARD * size)
     if not np.any(held):
@@ -178,7 +178,7 @@ def _held(a: Net | Triangles, x: np.ndarray, slope: np.ndarray, size: float) -> 
 
 
 def _followed(shapes: Any, piece: int, x: np.ndarray, feet: FootRows) -> _Followed:
-    """The feet followed to places (places, parameters) of a piece."""
+    """Follow the feet to points (points, parameters) of a piece."""
     count, many = len(x), len(feet.segment)
     rows = np.repeat(x, many, axis=0)
     segment = np.tile(feet.segment, count)

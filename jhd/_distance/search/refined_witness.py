@@ -1,10 +1,10 @@
-"""The witness of a maximum along a curve, refined from the place at which a search stands.
+"""The witness of a maximum along a curve, refined from the farthest point of a search.
 
-The search closes its bounds at a place whose distance is the maximum up to the tolerance, so that the place itself is
-off by the root of that. Newton's method on the equations of the event (jhd._distance.witness.active) refines it. Which
-feet count can differ between both places: beside a cusp of the evolute of b a second foot exists only near the tie.
+The search closes its bounds at a point whose distance is the maximum up to the tolerance, so the point itself is off by
+the root of the tolerance. Newton's method on the equations of the event (jhd._distance.witness.active) refines it. The
+feet that count can change on the way: near a cusp of the evolute of b, a second foot exists only near the tie.
 
-Source: the events are those of Elber & Grandine, GMP 2008; Newton's method from places at which linear models of the
+Source: the events are those of Elber & Grandine, GMP 2008; Newton's method from points at which linear models of the
 distance agree is ours.
 """
 
@@ -25,15 +25,15 @@ from jhd._results.solution import DIRECTIONS, EVENTS, Witness
 from jhd._runtime.arrays import varying
 from jhd._shapes.curve import BezierSegments
 
-# Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
+# Rounding of a distance, and of a distance to a refined foot, in units of roundoff of the common coordinates.
 _NOISE, _AGREEING = 4, 64
-# Attempts to refine a maximum: from the place found, from where that leads to, from places between, and with the feet
-# of the place found alone; and after how many there must be places on both sides of the maximum.
+# Attempts to refine a maximum: from the point found, from the point reached, from points between, and only with the
+# feet of the point found; and the number of attempts before points on both sides of the maximum are needed.
 _TRIALS, _LED = 12, 2
 
 
 class SearchedPlace(NamedTuple):
-    """Where a search stands: the farthest place of a found, its foot on b, the distance there, and both bounds."""
+    """The result of a search: the farthest point of a found, its foot on b, its distance, and both bounds."""
 
     at: CurvePlace
     foot: CurvePlace
@@ -43,12 +43,12 @@ class SearchedPlace(NamedTuple):
 
     @property
     def gap(self) -> Array:
-        """The distance of the bounds."""
+        """The difference of the bounds."""
         return self.upper - self.lower
 
 
 class RefinedWitness(NamedTuple):
-    """A witness with value and lower bound, whether it solves its equations, and the place that these lead to."""
+    """A witness with value and lower bound, whether it solves its equations, and the point reached, with its foot."""
 
     witness: Witness
     value: Array
@@ -59,21 +59,21 @@ class RefinedWitness(NamedTuple):
 
 
 class _RefinementTrial(NamedTuple):
-    """Attempts to refine a maximum: how many, the last one, where the next one begins, and a place on each side."""
+    """Attempts to refine a maximum: their number, the last one, the next start, and a point on each side."""
 
     count: Array
     found: RefinedWitness
     at: CurvePlace
     foot: CurvePlace
-    sides: tuple[CurvePlace, CurvePlace]  # places of a where the distance rises and falls, and the foot of each
+    sides: tuple[CurvePlace, CurvePlace]  # points of a with rising and falling distance, and the foot of each
 
 
 def refined(a: BezierSegments, near: NearCurve, state: SearchedPlace) -> RefinedWitness:
-    """The witness of a search, with value and lower bound.
+    """Return the witness of a search, with value and lower bound.
 
-    First with the feet that count wherever the gap leaves the maximum, then with those that count where these lead to,
-    then from places between two where the distance rises and falls: beside a cusp of the evolute both feet exist only
-    near the tie. If no such maximum is found, the feet count that are equally near where the search stopped.
+    First with the feet that count wherever the maximum may be, then with the feet of the point reached, then from
+    points between two with rising and falling distance: near a cusp of the evolute both feet exist only near the tie.
+    If no such maximum is found, the feet that are equally near at the last point of the search count.
     """
 
     def again(tried: _RefinementTrial) -> Array:
@@ -109,20 +109,20 @@ def refined(a: BezierSegments, near: NearCurve, state: SearchedPlace) -> Refined
 def _between(
     a: BezierSegments, b: BezierSegments, at: CurvePlace, feet: CurvePlace, gap: Array
 ) -> tuple[tuple, Array, Array]:
-    """Return the last place where the distance rises and the first where it falls, and a parameter between them.
+    """Return the last point with rising and the first with falling distance, and a parameter between them.
 
-    It is the one at which the linear models of the distance at both places agree, or the middle of the places. If there
-    is one place only, it is about as far as the maximum can be if the distance rises by the gap.
+    At this parameter the linear models of the distance at both points agree, or it is the middle. If there is only one
+    point, the parameter is about as far as the maximum can be if the distance rises by the gap.
 
     Args:
         a: the curve that carries the maximum.
-        b: the other one.
-        at: places on one segment of a, stacked.
+        b: the curve that carries the feet.
+        at: points on one segment of a, stacked.
         feet: the foot of each on b.
-        gap: of the bounds.
+        gap: gap of the bounds.
 
     Returns:
-        Both places with their feet, stacked; the parameter; whether there are two.
+        Both points with their feet, stacked; the parameter; whether there are two points.
     """
 
     def model(at: CurvePlace, foot: CurvePlace) -> tuple[Array, Array]:
@@ -133,7 +133,7 @@ def _between(
 
     distance, slope = jax.vmap(model)(at, feet)
     falls = jnp.where(slope < 0, at.t, jnp.inf)
-    # A place to the right of it is on another hump.
+    # A point beyond the first falling one is on another hump.
     rises = jnp.where((slope > 0) & (at.t < jnp.min(falls)), at.t, -jnp.inf)
     chosen = jnp.stack([jnp.argmax(rises), jnp.argmin(falls)])
     sides = jax.tree_util.tree_map(lambda x: x[chosen], (at, feet))
@@ -147,9 +147,9 @@ def _between(
 
 
 def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: SearchedPlace) -> RefinedWitness:
-    """The witness at the solution of its equations: peaks are off by the root of the gap.
+    """Return the witness at the solution of its equations: peaks are off by the root of the gap.
 
-    Accepted only where the place is measured to be as far, both feet to be its nearest points, and two feet balance.
+    It is accepted only if the point is measured to be as far, its feet to be its nearest points, and two feet balance.
     """
     b, k, (k1, k2) = near.curve, witness.element, witness.feet_elements
     y = jnp.concatenate([witness.t[None], witness.feet_params])
@@ -159,7 +159,7 @@ def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: Searc
     y = y.at[2].set(jnp.where(system.two, y[2], y[1]))
     point, feet = active.places(y, system.pieces)
     found = near.nearest(point)
-    # Where a foot is flat the one that is proven is off by more than the distance tells.
+    # At a flat foot the error of the proven foot exceeds the difference of the distances.
     distances = jnp.append(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)), found.distance)
     off = jnp.max(distances[:2]) - jnp.min(distances)
     eps = float(jnp.finfo(point.dtype).eps)

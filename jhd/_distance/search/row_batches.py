@@ -1,6 +1,6 @@
 """Compiled functions for any number of rows: compiled once, at the cost of the rows that count.
 
-A call takes a block of rows and the number of rows that count; the compiled function processes some of these at a time.
+A call takes a block of rows and the number of rows that count. The compiled function processes some of them at a time.
 """
 
 from functools import partial
@@ -13,24 +13,24 @@ from jaxtyping import Array
 
 from jhd._triangles.closest_point import in_blocks_of
 
-# Rows that one call of a program takes.
+# Rows that one call of a compiled function takes.
 BLOCK = 1024
 
 
 def in_blocks(program: Any, shape: Any, *rows: np.ndarray) -> Any:
-    """A program of a shape, a count and rows on any number of rows, in blocks of one size."""
+    """Apply a compiled function of shape, count and rows to any number of rows, in blocks of one size."""
     return in_blocks_of((BLOCK,), partial(program, shape), rows)
 
 
 def each(function: Any, count: Array, rows: tuple[Array, ...], lanes: int) -> Any:
-    """The function of the first `count` rows, `lanes` of them side by side, one by one for 1; the others give zeros."""
+    """Apply a function to the first `count` rows, `lanes` at a time; all other rows give zeros."""
     if lanes > 1:
         return in_groups(jax.vmap(function), count, rows, lanes)
     return in_groups(partial(_single, function), count, rows, lanes)
 
 
 def in_groups(function: Any, count: Array, rows: tuple[Array, ...], lanes: int) -> Any:
-    """The same of a function that takes `lanes` rows at once."""
+    """Apply a function of `lanes` rows to the first `count` rows; all other rows give zeros."""
     # Traced once, for its shapes and for the loop.
     function = jax.jit(function)
     shapes = jax.eval_shape(function, *(x[:lanes] for x in rows))
@@ -46,5 +46,5 @@ def in_groups(function: Any, count: Array, rows: tuple[Array, ...], lanes: int) 
 
 
 def _single(function: Any, *part: Array) -> Any:
-    """The function of one row, without a batch, in which a loop would cost more."""
+    """Apply a function to one row, without a batch, in which a loop would cost more."""
     return jax.tree_util.tree_map(lambda x: x[None], function(*(x[0] for x in part)))

@@ -17,21 +17,21 @@ from jhd._results.solution import RESULTS, name_of, with_result
 from jhd._runtime.clock import TimeLimit
 from jhd.progress import Callback, Progress
 
-# The seconds that stretches after the first two are made to last, and how much longer the next one may be.
+# Target duration of stretches after the first two, in seconds, and how much longer the next one may be.
 _SECONDS, _LONGER = 0.2, 4.0
-# What a stretch lasts at least: a coarse clock may not have moved in it.
+# Shortest duration of a stretch: a coarse clock may not have moved in it.
 _TICK = 1e-9
 
 
 class Standing(NamedTuple):
-    """How a search stands.
+    """Progress of a search.
 
     Args:
-        solution: what it has proven and found, in its own coordinates: a HausdorffSolution or a MinimumSolution.
-        going_on: whether more steps would serve what is wanted.
+        solution: the solution so far, in the coordinates of the search: a HausdorffSolution or a MinimumSolution.
+        going_on: whether more steps would improve the requested bounds.
         full: whether it stopped because its table is full; then `longer` helps.
         steps: steps taken in all.
-        waiting: cells, or pairs of them, that are still to be looked at.
+        waiting: cells, or pairs of cells, that are still open.
     """
 
     solution: Any
@@ -42,7 +42,7 @@ class Standing(NamedTuple):
 
 
 class AbstractSearch(ABC):
-    """A search for bounds that get closer with each step; its state is handed to and fro, so it can be taken up again.
+    """A search for bounds that get closer with each step. Its state is passed and returned, so it can be resumed.
 
     Args:
         max_steps: most steps in all.
@@ -54,36 +54,36 @@ class AbstractSearch(ABC):
 
     @abstractmethod
     def begin(self) -> Any:
-        """The state in which no step has been taken."""
+        """Return the state in which no step has been taken."""
 
     @abstractmethod
     def advance(self, state: Any, limit: int, growing: bool) -> tuple[Any, Standing]:
-        """Goes on until what is wanted is reached, or some limit.
+        """Advance the search until the goal or a limit is reached.
 
         Args:
-            state: where it stands.
-            limit: steps at most, all of them counted since it began.
+            state: state of the search.
+            limit: largest total number of steps since the search began.
             growing: whether to stop before the table is full.
         """
 
     @abstractmethod
     def longer(self, state: Any) -> Any:
-        """The same state with more room."""
+        """Return the state with more room."""
 
 
 class Threshold:
-    """A progress that ends a search where the bounds are on one side of a length.
+    """A progress callback that ends a search when both bounds are on one side of a length.
 
     Args:
         limit: the length, in the unit of the coordinates.
-        progress: who else hears of the progress, or None.
+        progress: another callback for the progress, or None.
     """
 
     def __init__(self, limit: float, progress: Callback | None = None):
         self._limit, self._progress, self.passed = limit, progress, False
 
     def __call__(self, progress: Progress) -> None:
-        """Takes note of the bounds."""
+        """Record the bounds."""
         lower, upper = progress.lower or 0.0, np.inf if progress.upper is None else progress.upper
         self.passed = upper <= self._limit or lower > self._limit
         if self._progress is not None:
@@ -91,11 +91,11 @@ class Threshold:
 
 
 class Listener:
-    """The listener of the searches of one call: it passes on their progress, and knows whether they were ended early.
+    """Receiver of the progress of all searches in one call; records whether they were interrupted.
 
     Args:
         progress: called with a Progress after each stretch, or None.
-        frame: leads to the user's unit; None where lengths are in it.
+        frame: leads to the user's unit; None if lengths are in this unit.
         stage: name of the stage of searches without a direction.
     """
 
@@ -105,11 +105,11 @@ class Listener:
 
     @property
     def satisfied(self) -> bool:
-        """Whether closer bounds are of no use."""
+        """Whether tighter bounds are not needed."""
         return isinstance(self._progress, Threshold) and self._progress.passed
 
     def report(self, direction: Any, standing: Standing) -> None:
-        """Tells how a search stands; the direction is a member of DIRECTIONS, or None."""
+        """Report the progress of a search; the direction is a member of DIRECTIONS, or None."""
         if self._progress is None:
             return
         ends = standing.solution.lower, standing.solution.upper
@@ -120,7 +120,7 @@ class Listener:
 
 
 def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> Any:
-    """The solution of a search run to its end, or as it stands where it is interrupted.
+    """Return the solution of a search run to its end, or as it stands when interrupted.
 
     Raises:
         KeyboardInterrupt: it was interrupted before it had any bounds.

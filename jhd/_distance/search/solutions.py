@@ -19,15 +19,15 @@ from jhd._distance.search.surfaces import SurfaceState, advance, begin, toleranc
 from jhd._results.solution import EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 from jhd._runtime.arrays import varying
 
-# Cells of a search for any point at all that wait, those looked at in a step, and steps.
+# Waiting cells of a search for any point, cells per step, and steps.
 _CAPACITY, _LANES, _STEPS = 2048, 32, 400
 _NARROW = 2.0**-44
 _POINT_STEPS = 8
-# A distance of so many units of roundoff is none; so much less than the largest weight is none.
+# A distance of at most this many units of roundoff is zero; weights below this fraction of the largest are zero.
 _COINCIDENT, _WEIGHTLESS = 256, 1e-9
-# A measured distance whose bounds are apart by this share of the tolerance has no small part in the gap.
+# A measured distance contributes to the gap if its bounds differ by more than this fraction of the tolerance.
 _WIDE = 0.5
-# So many cells left where a search ends belong to a family of points that are nearly as far.
+# If this many cells are left when a search ends, the farthest points are not isolated.
 _FAMILY = 400
 
 
@@ -41,15 +41,15 @@ class _Look(NamedTuple):
 
 
 def target(side: Side) -> tuple[Target, Bool[Array, ""]]:
-    """A side with its cover and its cloud, and whether it is proven to have no point in its box."""
+    """Return a side with its cover and its cloud, and whether it is proven to have no point in its box."""
     return with_some_point(Target(side, cover(side), cloud(side)))
 
 
 def with_some_point(known: Target) -> tuple[Target, Bool[Array, ""]]:
-    """The same with a proven point in its cloud, if one is found, and whether there is proven to be none.
+    """Return the target with a proven point in its cloud, if one is found, and whether none is proven to exist.
 
-    Where no point of the cloud is proven, smaller and smaller cells are looked at until one holds a proven point or
-    none is left; the point takes the first place of the cloud.
+    If no point of the cloud is proven, smaller and smaller cells are examined until one holds a proven point or none is
+    left. The point replaces the first point of the cloud.
     """
     side, covering, points = known
     none = ~jnp.any(jnp.isfinite(points.radius))
@@ -99,9 +99,9 @@ class CoveredPair(NamedTuple):
     """Two surfaces of a directed distance, and whether one of them is proven to have no point.
 
     Args:
-        a: the surface whose farthest point is looked for.
-        b: the other one.
-        empty: whether there is no distance.
+        a: the surface whose farthest point is searched.
+        b: the surface that distances are taken to.
+        empty: whether one surface is proven to have no point, so that there is no distance.
     """
 
     a: Target
@@ -110,13 +110,13 @@ class CoveredPair(NamedTuple):
 
 
 def in_one_go(pair: CoveredPair, wanted: Wanted, capacity: int, max_steps: int, direction: Any) -> HausdorffSolution:
-    """The whole search."""
+    """Run the whole search."""
     state, _ = advanced(pair, wanted, begin(pair.a, pair.b, capacity), max_steps)
     return solution_of(pair, wanted, state, direction)
 
 
 def solution_of(pair: CoveredPair, wanted: Wanted, state: SurfaceState, direction: Any) -> HausdorffSolution:
-    """The solution that a search stands at, in the common coordinates; the direction is a member of DIRECTIONS."""
+    """Return the solution of a search as it stands, in common coordinates."""
     a, b, empty = pair
     best, u = state.best, unit_roundoff(state.best.lower.dtype)
     proven = _known(pair)
@@ -126,11 +126,11 @@ def solution_of(pair: CoveredPair, wanted: Wanted, state: SurfaceState, directio
     closed = gap <= tolerance(a.side, b.side, wanted, upper) * (1 + 4 * u)
     family = state.waiting >= _FAMILY
     result = result_where(family, RESULTS.nonisolated_maxima, RESULTS.gap_not_closed)
-    # Room is what lacks where cells were dropped, or where a place is farther than its bound says: from there many
-    # points of b are about as near.
+    # Capacity is missing if cells were dropped, or if a point is farther than its bound: then many points of b are
+    # about equally near.
     wide = best.value - best.lower > _WIDE * tolerance(a.side, b.side, wanted, upper)
     result = result_where(state.full | wide, RESULTS.capacity_reached, result)
-    # What keeps the bounds apart may be a point that cannot be proven.
+    # A point that cannot be proven may keep the bounds apart.
     result = result_where(a.side.isolated.doubtful | b.side.isolated.doubtful, RESULTS.existence_not_certified, result)
     result = result_where(closed, RESULTS.successful, result)
     result = result_where(proven, result, RESULTS.existence_not_certified)
@@ -168,12 +168,12 @@ def _witness(a: Side, b: Side, state: SurfaceState, value: Array, direction: Any
 def advanced(
     pair: CoveredPair, wanted: Wanted, state: SurfaceState, limit: ArrayLike, following: bool = True
 ) -> tuple[SurfaceState, Array]:
-    """The search some steps on, and whether more would serve; none do where a bound is missing for good."""
+    """Return the search some steps on, and whether more steps would help; none do if a bound is missing for good."""
     known = _known(pair)
     state = advance(pair.a, pair.b, wanted, state, jnp.where(known, limit, 0), following)
     return state, known & unfinished(pair.a, pair.b, wanted, state)
 
 
 def _known(pair: CoveredPair) -> Array:
-    """Whether both surfaces have a proven point."""
+    """Return whether both surfaces have a proven point."""
     return jnp.any(jnp.isfinite(pair.b.cloud.radius)) & jnp.any(jnp.isfinite(pair.a.cloud.radius)) & ~pair.empty

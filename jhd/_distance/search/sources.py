@@ -2,9 +2,9 @@
 
 A cell lies in the hull of some points, and is bounded by flat pieces of the opposite shape
 (jhd._distance.cells.proxy_bounds). For a curve or patch these points are the control points of a part, and for a
-triangle its corners. For an implicit surface they are the corners of the part of a box between the two planes that
-enclose the surface in it. There the bound of jhd._distance.cells.surfaces, by points of the opposite shape, is used as
-well, because it takes the curvature into account.
+triangle its corners. For an implicit surface they are the corners of the part of a box between two planes that enclose
+the surface. Implicit surfaces also use the bound of jhd._distance.cells.surfaces, by points of the opposite shape,
+because it takes the curvature into account.
 
 Rounding. Coordinates are at most one (those of far points may be larger, by |q|): a control point of a part is off by
 eta (see jhd._distance.normalization.net_jets) in each coordinate, which moves a distance by at most sqrt(3) eta; a
@@ -30,20 +30,21 @@ from jhd._results.solution import EVENTS
 from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import compiled
 
-# Cells done side by side: few, since often there are no more.
+# Cells processed in one batch: few, since often there are no more.
 _LANES = 8
-# A cell is cut along the parameters along which it is at least this share as long as along the longest, unless it is
-# thinner than this many units of roundoff there.
+# A cell is cut along each parameter along which its length is at least this fraction of the largest, unless its width
+# there is below this many units of roundoff.
 _LONG, _THIN = 0.6, 16
-# The share of a cell that each part has at least where it is cut at a place.
+# Smallest fraction of a cell for each part when it is cut at a given point.
 _INSET = 0.05
-# Borders of pieces are compared at so many points; they are one if these agree to so many units of roundoff of the
-# largest coordinate. A place on it is not a corner if the vector to its foot is normal to the surface within this much.
+# Borders of pieces are compared at this number of points; they are equal if these agree to this many units of roundoff
+# of the largest coordinate. A point on such a border is not a corner if the vector to its foot is normal to the surface
+# within this tolerance.
 _COMPARED, _JOINT_ULPS, _NORMAL = 5, 64, 1e-6
 
 
 class CellRows(NamedTuple):
-    """Cells of a source: the piece that each is of, and its ends, lower and upper, in each parameter."""
+    """Cells of a source: the index of the piece of each, and its lower and upper ends in each parameter."""
 
     piece: Int[np.ndarray, " cells"]
     low: Float[np.ndarray, "cells parameters"]
@@ -53,12 +54,12 @@ class CellRows(NamedTuple):
 
 
 class PlacesOfCells(NamedTuple):
-    """Points close to a source, the first of them in the middle of the cell, and what is proven of them.
+    """Points close to a source, the first of them in the middle of each cell, and their proven errors.
 
     Args:
         points: some for each cell.
-        radius: length within which the source is proven to have a point; infinite where there may be none.
-        parameters: of the points; of an implicit surface, the points themselves.
+        radius: length within which the source is proven to have a point; infinite if there may be none.
+        parameters: parameters of the points; for an implicit surface, the points themselves.
     """
 
     points: Float[np.ndarray, "cells places 3"]
@@ -67,7 +68,7 @@ class PlacesOfCells(NamedTuple):
 
 
 class PlaceOfCut(NamedTuple):
-    """A place at which cells are best cut: the piece it is of, and its parameters."""
+    """A point at which cells are best cut: its piece and parameters."""
 
     piece: int
     x: np.ndarray
@@ -76,45 +77,45 @@ class PlaceOfCut(NamedTuple):
 class AbstractSource(ABC):
     """A shape that distances are maximized over, in common coordinates.
 
-    Its cells have parameters; those of an implicit surface are coordinates.
+    Its cells have parameters, which are coordinates for an implicit surface.
     """
 
     @abstractmethod
     def cover(self) -> CellRows:
-        """Cells that cover all of it."""
+        """Return cells that cover the whole shape."""
 
     @abstractmethod
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
-        """Parts that cover the same, and which cell each is of; what is proven to hold no point is left out.
+        """Return parts that cover the cells, without provably empty ones, and the index of the cell of each part.
 
         Args:
-            cells: which ones.
-            at: a corner of all parts about it, if that can be.
+            cells: the cells to cut.
+            at: a point that becomes a corner of the parts around it, if possible.
         """
 
     @abstractmethod
     def places(self, cells: CellRows) -> PlacesOfCells:
-        """Points of it in the cells."""
+        """Return points of the shape in the cells."""
 
     @abstractmethod
     def over(self, cells: CellRows, target: AbstractTarget, feet: FootRows) -> np.ndarray:
-        """Proven upper bounds of the distances of its points in the cells to a target, from feet (cells, FEET)."""
+        """Return proven upper bounds of the distances of cells to a target, from feet (cells, FEET)."""
 
     @abstractmethod
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unit vectors at a place: those along it as if it had no border, and of these the ones into it."""
+        """Return unit vectors at a point: all directions along the shape without borders, and the ones into it."""
 
     def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
-        """A place of it near one that was found, with its error, by default that of those known."""
+        """Return a point of the shape near the given one, with its error; by default both unchanged."""
         return place, radius
 
     def border_event(self, piece: int, x: np.ndarray, apart: np.ndarray) -> EVENTS:
-        """How the distance is largest at a place on a border of a piece, by the vector from its foot to the place."""
+        """Return the event of a maximum on a border of a piece, given the vector from the foot to the point."""
         return EVENTS.a_end
 
     @abstractmethod
     def parameters(self, x: np.ndarray) -> np.ndarray:
-        """The parameters of a place as a Witness has them."""
+        """Return the parameters of a point as a Witness stores them."""
 
 
 class NetSource(AbstractSource):
@@ -122,7 +123,7 @@ class NetSource(AbstractSource):
 
     Args:
         net: its pieces in common coordinates.
-        count: how many of these are not repetitions.
+        count: number of pieces without repetitions.
     """
 
     def __init__(self, net: Net, count: int):
@@ -135,7 +136,7 @@ class NetSource(AbstractSource):
 
     @override
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
-        """At the place, or at the middles of those parameters along which it is long."""
+        """Cut at the given point, or at the middles of the parameters along which a cell is long."""
         parent, middle = np.arange(len(cells.piece)), 0.5 * (cells.low + cells.high)
         about = np.zeros(len(parent), bool)
         if at is not None:
@@ -145,7 +146,7 @@ class NetSource(AbstractSource):
             middle = np.where(about[:, None], at.x, middle)
         if cells.low.shape[1] == 1:
             return cut_along(cells, parent, 0, parent >= 0, middle[:, 0])
-        # Beside a side that is a single point cells stay as long as they are wide.
+        # Next to a side that is a single point, cells stay as long as they are wide.
         corners = self.places(cells).points[:, 1:].reshape(-1, 2, 2, 3)
         along = [np.sqrt(np.max(np.sum(np.diff(corners, axis=k) ** 2, axis=-1), axis=(1, 2))) for k in (1, 2)]
         along = np.stack(along, axis=1)
@@ -158,7 +159,7 @@ class NetSource(AbstractSource):
 
     @override
     def places(self, cells: CellRows) -> PlacesOfCells:
-        """The middle and the corners."""
+        """Return the middle and the corners of each cell."""
         n = cells.low.shape[1]
         shares = np.concatenate([np.full((1, n), 0.5), np.indices((2,) * n).reshape(n, -1).T]).astype(cells.low.dtype)
         x = cells.low[:, None] + shares * (cells.high - cells.low)[:, None]
@@ -178,16 +179,16 @@ class NetSource(AbstractSource):
 
     @override
     def border_event(self, piece: int, x: np.ndarray, apart: np.ndarray) -> EVENTS:
-        """A free end, a corner, or what it would be inside of a piece, where pieces join smoothly."""
+        """Return the event: a free end, a corner, or, if pieces join smoothly, the event inside a piece."""
         if not self._is_joint(piece, x):
             return EVENTS.a_end
         pulls = self.rays(piece, x)[0] @ units(apart[None])[0]
         return EVENTS.b_end if bool(np.all(np.abs(pulls) <= _NORMAL)) else EVENTS.corner
 
     def _is_joint(self, piece: int, x: np.ndarray) -> bool:
-        """Whether another border of a piece lies along each border through a place.
+        """Return whether another border of a piece lies along each border through a point.
 
-        Borders are compared at some points. Those that are a single point, as at a pole, are none.
+        Borders are compared at some points. A border that is a single point, as at a pole, does not count.
         """
         borders, n = self._borders(), len(x)
         near = _JOINT_ULPS * np.finfo(borders.dtype).eps * np.max(np.abs(borders))
@@ -206,7 +207,7 @@ class NetSource(AbstractSource):
         return all(np.count_nonzero(row) > 1 for row in same)
 
     def _borders(self) -> np.ndarray:
-        """Points along the borders of all pieces: where the first parameter is 0 and 1, then the second."""
+        """Return points along the borders of all pieces: first parameter 0 and 1, then second parameter 0 and 1."""
         n = self._net.parameters
         shares = np.linspace(0, 1, _COMPARED if n == 2 else 1)
         x = np.empty((self._count, 2 * n, len(shares), n), np.asarray(self._net.points).dtype)
@@ -245,7 +246,7 @@ class MeshSource(AbstractSource):
 
     @override
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
-        """Each into four at the middles of its sides, so that all numbers are exact."""
+        """Cut each cell into four at the middles of its sides, so that all numbers are exact."""
         half, count = 0.5 * (cells.high - cells.low), len(cells.piece)
         zero = np.zeros_like(half[:, 0])
         steps = [np.stack(x, axis=1) for x in ((zero, zero), (half[:, 0], zero), (zero, half[:, 1]))]
@@ -255,7 +256,7 @@ class MeshSource(AbstractSource):
 
     @override
     def places(self, cells: CellRows) -> PlacesOfCells:
-        """The middle and the corners."""
+        """Return the middle and the corners of each cell."""
         size = cells.high - cells.low
         shares = np.array([[0.25, 0.25], [0, 0], [1, 0], [0, 1]], size.dtype)
         x = cells.low[:, None] + shares * size[:, None]
@@ -274,7 +275,7 @@ class MeshSource(AbstractSource):
 
     @override
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Along the sides, and from a corner that has some weight to another."""
+        """Return directions along the sides, and from each corner with positive weight to another."""
         v, weights = self._corners[piece].astype(np.float64), self.parameters(x)
         pairs = [(i, j) for i in range(3) for j in range(3) if i != j]
         along = units(np.stack([v[i] - v[j] for i, j in pairs]))
@@ -290,7 +291,7 @@ class MeshSource(AbstractSource):
 
 
 def over_hulls(hulls: Hulls, target: AbstractTarget, feet: FootRows) -> np.ndarray:
-    """Proven upper bounds over cells in hulls."""
+    """Return proven upper bounds over cells in hulls."""
     program = _over_triangles if target.triangles else _over_parallelograms
     return in_blocks(program, None, *hulls, *target.flats(feet, hulls.corners))
 
@@ -298,7 +299,7 @@ def over_hulls(hulls: Hulls, target: AbstractTarget, feet: FootRows) -> np.ndarr
 def cut_along(
     cells: CellRows, parent: np.ndarray, axis: int, which: np.ndarray, middle: np.ndarray
 ) -> tuple[CellRows, np.ndarray]:
-    """Cells cut at a value of one parameter where asked for, and which cell each part is of."""
+    """Cut the cells selected by `which` at a value of one parameter, and return the index of the cell of each part."""
     first, second = cells.high.copy(), cells.low.copy()
     first[which, axis], second[which, axis] = middle[which], middle[which]
     rows = np.flatnonzero(which)
@@ -339,6 +340,6 @@ def _over_triangles(_: None, count: Array, *rows: Array) -> Array:
 
 
 def units(rows: np.ndarray) -> np.ndarray:
-    """The directions of vectors; zero for zero."""
+    """Return the directions of vectors; zero for zero."""
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     return rows / np.where(length > 0, length, 1.0)

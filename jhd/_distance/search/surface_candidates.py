@@ -23,17 +23,17 @@ from jhd._results.solution import on_device
 from jhd._runtime.compiled import compiled
 from jhd._shapes.prepared import prepared
 
-# Cells or places done side by side.
+# Cells or points processed in one batch.
 _LANES = 64
 
 
 class PlacesNear(NamedTuple):
-    """Points near places, lengths within which the surface has one, and its gradients there.
+    """Points near given points, lengths within which the surface has a point, and its gradients there.
 
     Args:
-        points: of the surface where that is proven.
-        radius: infinite where nothing is proven.
-        slope: at the points.
+        points: the points, on the surface if that is proven.
+        radius: length within which the surface has a point; infinite if nothing is proven.
+        slope: gradients at the points.
     """
 
     points: Any  # (places, 3)
@@ -42,12 +42,12 @@ class PlacesNear(NamedTuple):
 
 
 def looked_at(side: Side) -> tuple[Target, Any]:
-    """A side with its cover and its cloud, and whether it is proven to have no point in its box; kept with it."""
+    """Return a side with cover and cloud, and whether it provably has no point in its box; stored with the side."""
     return prepared(side)._part(_looked_at)
 
 
 def _looked_at(side: Side) -> tuple[Target, Any]:
-    """As `looked_at`; the program that looks for a point anywhere is made if none of the cloud is proven."""
+    """Compute `looked_at`; the search for a point anywhere is compiled only if no point of the cloud is proven."""
     side = jax.tree_util.tree_map(np.asarray, side)
     low, high = grid(side)
     alive = may_vanish(side, low.T, high.T)
@@ -64,14 +64,14 @@ _with_some_point = compiled(with_some_point)
 def may_vanish(
     side: Side, low: Float[np.ndarray, "cells 3"], high: Float[np.ndarray, "cells 3"]
 ) -> Bool[np.ndarray, " cells"]:
-    """Which cells may hold a point of the surface."""
+    """Return a mask of the cells that may hold a point of the surface."""
     return in_blocks(_may_vanish, side, low, high)
 
 
 def eighths(
     side: Side, low: Float[np.ndarray, "cells 3"], high: Float[np.ndarray, "cells 3"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The ends of the eighths of cells that may hold a point of the surface, and which cell each is of."""
+    """Return the ends of the eighths of cells that may hold a point of the surface, and the cell of each."""
     low, high = (x.reshape(3, 8, -1).T.reshape(-1, 3) for x in halved(low.T, high.T))
     rows = np.flatnonzero(may_vanish(side, low, high))
     return low[rows], high[rows], rows // 8
@@ -80,7 +80,7 @@ def eighths(
 def places_near(
     side: Side, starts: Float[np.ndarray, "places 3"], fixed: Bool[np.ndarray, "places 3"], thorough: bool
 ) -> PlacesNear:
-    """Points near places of the box, which keep the coordinates that are fixed."""
+    """Return points of the surface near points of the box, which keep the coordinates that are fixed."""
     return PlacesNear(*in_blocks(_places_near, (side, np.asarray(thorough)), starts, fixed))
 
 

@@ -23,9 +23,9 @@ from jhd._distance.search.sources import AbstractSource, CellRows, PlaceOfCut, P
 from jhd._distance.search.surface_candidates import eighths, places_near
 from jhd._runtime.compiled import compiled
 
-# Cells done side by side.
+# Cells processed in one batch.
 _LANES = 64
-# A place so many roundings from a face of the box is on it.
+# A point this many roundings from a face of the box is on the face.
 _ROUNDED = 64
 # The twelve edges of a box: the axis of each, and the other two coordinates, as rows with a zero at the axis.
 _AXIS = np.repeat(np.arange(3), 4)
@@ -47,13 +47,13 @@ class SurfaceSource(AbstractSource):
 
     @override
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
-        """Each into eight."""
+        """Cut each cell into eight."""
         low, high, parent = eighths(self._side, cells.low, cells.high)
         return CellRows(np.full(len(parent), -1), low, high), parent
 
     @override
     def places(self, cells: CellRows) -> PlacesOfCells:
-        """One inside, one on the faces that the cell touches, and four about it, not proven."""
+        """Return points: one inside, one on the faces that the cell touches, and four about it, not proven."""
         side, low, high = self._side, cells.low, cells.high
         middle, free = 0.5 * (low + high), inner(side, low.T, high.T).T
         face = np.where(free, middle, np.where(low <= side.lower, low, high))
@@ -64,7 +64,7 @@ class SurfaceSource(AbstractSource):
         near = np.all(np.abs(points - middle[:, None]) <= 3 * size[:, None, None], axis=2)
         points = np.where(near[..., None], points, middle[:, None])
         radius = np.where(near, found.radius.reshape(near.shape), np.inf)
-        # Beside the first of them, for feet alone: on both sides along the surface.
+        # Next to the first point, on both sides along the surface, only to find feet.
         slope = found.slope[::2]
         along = np.cross(slope, np.eye(3, dtype=low.dtype)[np.argmin(np.abs(slope), axis=1)])
         steps = np.stack([along, np.cross(slope, along)], axis=1)
@@ -85,7 +85,7 @@ class SurfaceSource(AbstractSource):
 
     @override
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """At an edge of the box the directions along its faces, of which one may leave."""
+        """Return directions along the faces at an edge of the box, one of which may leave."""
         side = self._side
         low, high = x <= np.asarray(side.lower), x >= np.asarray(side.upper)
         slope = places_near(side, x[None], np.ones((1, 3), bool), thorough=False).slope[0].astype(np.float64)
@@ -102,7 +102,7 @@ class SurfaceSource(AbstractSource):
 
     @override
     def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
-        """Of the surface where it is proven, on the faces that the place is on."""
+        """Return a nearby point of the surface, proven if possible, on the same faces of the box."""
         lower, upper, point = self._side.lower, self._side.upper, place.point
         near = _ROUNDED * unit_roundoff(point.dtype)
         point = np.where(point <= lower + near, lower, np.where(point >= upper - near, upper, point))
@@ -112,7 +112,7 @@ class SurfaceSource(AbstractSource):
 
     @override
     def parameters(self, x: np.ndarray) -> np.ndarray:
-        """There are none."""
+        """Return NaN: an implicit surface has no parameters."""
         return np.asarray(np.nan)
 
 
@@ -132,7 +132,7 @@ def _over_boxes_in_hulls(side: Side, count: Array, low: Array, high: Array, feet
 
 
 def _over_box(side: Side, low: Array, high: Array, feet: Array, radius: Array) -> tuple[Array, Form, Boxes]:
-    """The bound over a cell, and its polynomial there."""
+    """Return the bound over a cell, and its polynomial there."""
     cells = boxes(low[:, None], high[:, None])
     free = inner(side, low[:, None], high[:, None])
     f = form(side, cells)
@@ -140,13 +140,13 @@ def _over_box(side: Side, low: Array, high: Array, feet: Array, radius: Array) -
 
 
 def _hull_of_box(f: Form, cells: Boxes) -> Hulls:
-    """What is left of a box where |f| = |value + slope.e + rest| may vanish, by the ends of its edges there."""
+    """Bound the part of a box on which |f| = |value + slope.e + rest| may vanish, by interval ends on the edges."""
     value, rest, error = f.value[0], f.rest[0], f.error[0]
     slope, center, half = f.slope[:, 0], cells.center[:, 0], cells.half[:, 0]
     size, dtype = jnp.abs(value) + jnp.sum(jnp.abs(slope)) + rest, half.dtype
     most = (rest + error + gamma(32, dtype) * size) * (1 + gamma(8, dtype))
     places, there = _ends_on_edges(value, slope, most)
-    # Ends that are not there stand where another one does, or anywhere where the box holds no point.
+    # Missing ends repeat another end, or have any value if the box holds no point.
     places = jnp.where(there[:, None], places, places[jnp.argmax(there)])
     corners = jnp.where(jnp.any(there), center + half * places, center + half * jnp.sign(places))
     slack = gamma(16, dtype) * jnp.max(jnp.abs(center) + half)
@@ -156,7 +156,7 @@ def _hull_of_box(f: Form, cells: Boxes) -> Hulls:
 
 
 def _ends_on_edges(value: Array, slope: Array, most: Array) -> tuple[Array, Array]:
-    """Both ends of where |value + slope.e| <= most on each edge of [-1, 1]^3, (24, 3), and whether there are any."""
+    """Return both ends of |value + slope.e| <= most on each edge of [-1, 1]^3, (24, 3), and which ones exist."""
     others = _OTHERS.astype(slope.dtype)
     rest = value + jnp.sum(others * slope, axis=1)
     along = slope[_AXIS]

@@ -39,42 +39,42 @@ from jhd._runtime.arrays import varying
 _LANES = 32
 # Newton steps for the feet and for the points of a cell.
 _STEPS_OF_FEET, _STEPS_OF_POINTS = 3, 4
-# Cells of this width are not cut any more; places this near to a surface count as on it. For double precision.
+# Cells of this width are not cut any more; points this near to a surface count as on it. For double precision.
 _NARROW, _ON = 2.0**-46, 1e-9
-# Rows of the table for each open cell that the distance of a place is looked for with.
+# Rows of the table for each open cell of the search for the distance of a point.
 _ROWS_OF_MEASURE = 8
-# Points whose nearest points of a cloud are looked for side by side.
+# Points whose nearest points of a cloud are searched in one batch.
 _BLOCK = 256
-# Feet count together where their distances agree to this many half diagonals of a cell.
+# Feet count together if their distances agree to this many half diagonals of a cell.
 _TOGETHER = 4.0
-# Most steps between two places that are measured.
+# Most steps between two measured points.
 _LONGEST_WAIT = 16
 # Least gap in units of roundoff of the common coordinates.
 _FLOOR = 256
 
 
 class SurfaceTable(NamedTuple):
-    """Cells that wait: lower and upper corner and four feet in each row, and the bounds, -inf where free."""
+    """Waiting cells: lower and upper corner and four feet in each row, and the bounds, -inf if free."""
 
     rows: Array  # (capacity, 18)
     bound: Array
 
 
 class SurfaceState(NamedTuple):
-    """A search: its cells, and what it has proven and found so far."""
+    """State of a search: its cells, and the bounds and points found so far."""
 
     table: SurfaceTable
     best: FarthestPlace
     closed: Array  # largest bound of the cells that were closed or dropped
-    folded: Array  # largest bound of those that were dropped, or are too narrow to be cut
+    folded: Array  # largest bound of the cells that were dropped, or are too narrow to be cut
     full: Array  # whether any was dropped
     steps: Array
     cells: Array
-    patience: Array  # (2,), the step at which a place may be measured again, and the last wait
+    patience: Array  # (2,), the step at which a point may be measured again, and the last wait
 
     @property
     def upper(self) -> Array:
-        """Proven bound of the whole distance; minus infinity where a has proven to be empty."""
+        """Proven bound of the whole distance; minus infinity if a is proven to be empty."""
         return jnp.maximum(jnp.max(self.table.bound), self.closed)
 
     @property
@@ -84,7 +84,7 @@ class SurfaceState(NamedTuple):
 
 
 def tolerance(a: Side, b: Side, wanted: Wanted, distance: Array) -> Array:
-    """The tolerance at a distance."""
+    """Return the tolerance at a distance."""
     size = diagonal([(side.lower, side.upper) for side in (a, b)])
     default = default_tolerance(size, distance.dtype, _FLOOR * unit_roundoff(distance.dtype))
     atol = jnp.where(wanted.atol < 0, default, wanted.atol)
@@ -92,21 +92,21 @@ def tolerance(a: Side, b: Side, wanted: Wanted, distance: Array) -> Array:
 
 
 def goal(a: Side, b: Side, wanted: Wanted, state: SurfaceState) -> Array:
-    """Cells with bounds up to this one are closed: more than the folded ones they cannot spoil."""
+    """Return the bound up to which cells are closed, at least the bound of the folded cells."""
     u = unit_roundoff(state.best.lower.dtype)
-    # A little less than what was asked for, so that rounding of the last comparison does not exceed it.
+    # A little less than the requested gap, so that rounding of the last comparison does not exceed it.
     room = jnp.maximum(0.99 * tolerance(a, b, wanted, state.best.lower), 8 * u)
     return jnp.maximum(jnp.maximum(wanted.aim.level, state.best.lower + room), state.folded)
 
 
 def unfinished(a: Target, b: Target, wanted: Wanted, state: SurfaceState) -> Array:
-    """Whether more steps would serve what is wanted."""
+    """Return whether more steps would improve the requested bounds."""
     above = jnp.max(state.table.bound) > goal(a.side, b.side, wanted, state)
     return above & (state.best.lower <= wanted.aim.ceiling)
 
 
 def blank(capacity: int, dtype: str) -> SurfaceState:
-    """A state of the right shapes, to begin in, in NumPy's arrays."""
+    """Return a state of the right shapes to begin in, in NumPy arrays."""
     zeros: Any = np.zeros
     number, count = zeros((), dtype), zeros((), int)
     vector, feet, hints = (zeros(shape, dtype) for shape in ((3,), (FEET, 3), (HINTS, 3)))
@@ -116,7 +116,7 @@ def blank(capacity: int, dtype: str) -> SurfaceState:
 
 
 def begin(a: Target, b: Target, capacity: int) -> SurfaceState:
-    """The cover of a with first bounds, and the point of its cloud that is farthest from that of b as a candidate."""
+    """Return the cover of a with first bounds; the cloud point of a farthest from the cloud of b is the candidate."""
     dtype = jnp.asarray(a.side.lower).dtype
     low, high = a.cover.lower, a.cover.upper
     cells = boxes(low, high)
@@ -141,10 +141,10 @@ def begin(a: Target, b: Target, capacity: int) -> SurfaceState:
 def advance(
     a: Target, b: Target, wanted: Wanted, state: SurfaceState, limit: ArrayLike, following: bool
 ) -> SurfaceState:
-    """Goes on until what is wanted is reached, or the limit of steps; with feet that move with the place if following.
+    """Advance until the goal or the limit of steps is reached; `following` adds bounds by feet that move.
 
-    These bounds make steps longer by a third, and programs take as much longer to compile. Only where surfaces are
-    equally far from each other along whole regions are they needed.
+    The additional bounds make steps a third longer, and compiling too. They are needed only if surfaces are equally far
+    from each other along whole regions.
     """
 
     def open_(state: SurfaceState) -> Array:
@@ -154,7 +154,7 @@ def advance(
 
 
 class _Lanes(NamedTuple):
-    """Cells that are bounded in a step, what is found for them, and their best point of a with its distance."""
+    """Cells that are bounded in a step, their bounds and feet, and their best point of a with its distance."""
 
     cells: Boxes
     bound: Array
@@ -166,7 +166,7 @@ class _Lanes(NamedTuple):
 
 def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState, following: bool) -> SurfaceState:
     limit = goal(a.side, b.side, wanted, state)
-    # What cannot matter any more makes room.
+    # Cells that cannot matter any more make room.
     idle = state.table.bound <= limit
     closed = jnp.maximum(state.closed, jnp.max(jnp.where(idle, state.table.bound, -jnp.inf)))
     bound = jnp.where(idle, -jnp.inf, state.table.bound)
@@ -184,7 +184,7 @@ def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState, following: 
     noise = NOISE * unit_roundoff(limit.dtype)
     gain = jnp.maximum(0.1 * tolerance(a.side, b.side, wanted, state.best.lower), noise)
     hoped = lanes.promise[best] > jnp.maximum(state.best.lower, wanted.aim.level) + gain
-    # After places that promised more than they held, a few steps go by before the next one is looked at.
+    # After points that promised too much, some steps go by before the next point is measured.
     asked = first | (hoped & (state.steps >= state.patience[0]))
     capacity = max(CAPACITY, bound.size // _ROWS_OF_MEASURE)
     found = improved(a, b, state.best, place, asked, 0.1 * gain, capacity)
@@ -197,6 +197,7 @@ def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState, following: 
 def _bounded(
     a: Side, b: Target, state: SurfaceState, rows: Array, parents: Array, limit: Array, following: bool
 ) -> _Lanes:
+    """Return bounds, feet and the best point of a for the cells of a step, given the bounds of their parents."""
     cells = boxes(rows[:3], rows[3:6])
     form_a = form(a, cells)
     alive = (parents > -jnp.inf) & form_a.may_vanish
@@ -217,7 +218,7 @@ def _bounded(
             lambda bound: bound,
             bound,
         )
-    # The points of a that a cell offers, of which the one farther from all feet is the better one.
+    # Of the points of a that a cell offers, the one farthest from all feet is chosen.
     far = jnp.sqrt(jnp.min(jnp.sum((points[:, None] - feet) ** 2, axis=2), axis=1))
     far = jnp.where(near & alive & (bound > limit), jnp.minimum(far, bound), -jnp.inf)
     which = jnp.argmax(far, axis=0)
@@ -226,7 +227,7 @@ def _bounded(
 
 
 def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
-    """A place to look for feet from, and points (2, 3, lanes) of a: inside, and on the faces that the cell touches."""
+    """Return starts for feet, points (2, 3, lanes) of a inside a cell and on the faces it touches, and which count."""
     lower, upper = jnp.asarray(a.lower)[:, None], jnp.asarray(a.upper)[:, None]
     at_face = jnp.where(cells.lower <= lower, lower, upper)
     start = jnp.concatenate([cells.center, jnp.where(free, cells.center, at_face)], axis=1)
@@ -245,7 +246,7 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
 
 
 def _feet(b: Target, state: SurfaceState, place: Array, parents: Array, cells: Boxes) -> tuple[Array, Array]:
-    """Four feet (4, 3, lanes) of places: the nearest, and those about as near that lie farthest from the others."""
+    """Return four feet (4, 3, lanes) of points: the nearest, and the most distant of about equally near feet."""
     lanes = place.shape[1]
     reach = _TOGETHER * jnp.sqrt(jnp.sum(cells.half**2, axis=0))
     near = _spread_seeds(b.cloud, place, reach)
@@ -274,7 +275,7 @@ def _feet(b: Target, state: SurfaceState, place: Array, parents: Array, cells: B
 
 
 def _spread_seeds(cloud: SurfaceCloud, places: Array, reach: Array) -> Array:
-    """Two points of the cloud for each place: the nearest, and of those about as near the one farthest from it."""
+    """Return two cloud points for each point: the nearest, and of about equally near ones the most distant from it."""
     far = sum((cloud.points[i][:, None] - places[i]) ** 2 for i in range(3))
     far = jnp.where(jnp.isfinite(cloud.radius)[:, None], far, jnp.inf)
     first = jnp.argmin(far, axis=0)
@@ -288,7 +289,7 @@ def _spread_seeds(cloud: SurfaceCloud, places: Array, reach: Array) -> Array:
 
 
 def _cut(a: Side, state: SurfaceState, lanes: _Lanes, limit: Array) -> SurfaceState:
-    """The parts of the cells that are still above the limit go into the table."""
+    """Cut the cells, and put the parts that are above the limit into the table."""
     live = lanes.alive & (lanes.bound > limit)
     narrow = jnp.max(lanes.cells.upper - lanes.cells.lower, axis=0) < like_double(_NARROW, limit.dtype)
     closed = jnp.max(jnp.where(lanes.alive & ~(live & ~narrow), lanes.bound, -jnp.inf))
@@ -297,7 +298,7 @@ def _cut(a: Side, state: SurfaceState, lanes: _Lanes, limit: Array) -> SurfaceSt
     kept = form(a, boxes(low, high)).may_vanish & jnp.tile(live & ~narrow, 8)
     bound = jnp.where(kept, jnp.tile(lanes.bound, 8), -jnp.inf)
     rows = jnp.concatenate([low, high, jnp.tile(lanes.feet.reshape(3 * FEET, -1), (1, 8))]).T
-    # A table of what is to be kept smallest: signs are turned.
+    # The table keeps the smallest numbers, so signs are inverted.
     table, negative, dropped = pushed(state.table.rows, -state.table.bound, rows, -bound)
     folded = jnp.maximum(folded, -dropped)
     return state._replace(
@@ -310,7 +311,7 @@ def _cut(a: Side, state: SurfaceState, lanes: _Lanes, limit: Array) -> SurfaceSt
 
 
 def _nearest_of(cloud: SurfaceCloud, points: Array) -> Array:
-    """Index of the nearest proven point of a cloud for each of the points (3, count), in blocks."""
+    """Return the index of the nearest proven point of a cloud for each of the points (3, count), in blocks."""
     count = points.shape[1]
     blocks = jnp.pad(points, ((0, 0), (0, -count % _BLOCK))).T.reshape(-1, _BLOCK, 3)
     penalty = jnp.where(jnp.isfinite(cloud.radius), 0.0, jnp.inf)[:, None]

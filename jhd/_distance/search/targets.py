@@ -35,7 +35,7 @@ _ENDS = (
 
 
 def target_of(shape: Any) -> AbstractTarget:
-    """The target of a shape whose numbers are known, kept with it; see `jhd.prepare`.
+    """Return the target of a shape whose numbers are known, stored with the shape; see `jhd.prepare`.
 
     Raises:
         ValueError: an implicit surface without points in its box.
@@ -56,7 +56,7 @@ def _target(shape: Any) -> AbstractTarget:
 
 
 def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) -> Projection:
-    """Nearest points of a parametric or implicit surface; see jhd.project.
+    """Return the nearest points of a parametric or implicit surface; see jhd.project.
 
     Raises:
         TypeError: points that are not real numbers.
@@ -66,7 +66,7 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
     batch, flat = queries.shape[:-1], queries.reshape(-1, 3)
     surface = working(shape)
     still = undifferentiated((flat, surface))
-    # Inside jit all operations are traced, those on known numbers too.
+    # Inside jit all operations are traced, also on known numbers.
     if is_tracing(still):
         found = _traced(*still)
     else:
@@ -84,13 +84,13 @@ def _with_derivatives(found: Projection, points: Array, surface: Any) -> Project
 
 
 def proven_with_derivatives(found: Any, points: Array, shape: AbstractPatch | ImplicitSurface) -> Array:
-    """Distances that were found, differentiable in the points and in the surface."""
+    """Return the distances found, differentiable in the points and in the surface."""
     surface = working(shape)
     return _with_derivatives(_projection(*_ended(found)), points, surface).distance
 
 
 def _traced(points: Array, surface: Any) -> Projection:
-    """The same from inside a compiled program."""
+    """Return `_answer` from inside a compiled function."""
     count, dtype = points.shape[0], points.dtype
     numbers = jax.ShapeDtypeStruct((count,), dtype)
     wide = lambda *n: jax.ShapeDtypeStruct((count, *n), dtype)  # noqa: E731
@@ -101,19 +101,19 @@ def _traced(points: Array, surface: Any) -> Projection:
 
 
 def _projection(*parts: Any) -> Projection:
-    """The result, whose last part says by a number how each query ended."""
+    """Return the projection from its fields; the last field is a number for the result of each query."""
     *numbers, end = (jnp.asarray(x) for x in parts)
     result = jax.tree_util.tree_map(lambda *x: jnp.stack(x)[end], *_ENDS)
     return Projection(*numbers[:4], segment=numbers[4].astype(int), t=numbers[5], result=result)
 
 
 def _ended(found: ProvenFeet) -> tuple[np.ndarray, ...]:
-    """What was found, and how each query ended, as a number."""
+    """Return the fields of the feet, and a number for the result of each query."""
     return *found[:6], np.where(found.closed, 0, np.where(np.isfinite(found.upper), 1, 2))
 
 
 def _answer(points: np.ndarray, surface: Any) -> tuple[np.ndarray, ...]:
-    """What is found, and how each query ended, as a number."""
+    """Return the fields of a projection, and a number for the result of each query."""
     count, dtype = len(points), points.dtype
     nothing, end = np.zeros(count, dtype), np.full(count, 3)
     t = np.zeros((count, 2), dtype) if isinstance(surface, BezierPatches) else np.full(count, np.nan, dtype)
@@ -132,7 +132,7 @@ def _answer(points: np.ndarray, surface: Any) -> tuple[np.ndarray, ...]:
 
 
 def usable(surface: Any) -> bool:
-    """Whether the numbers of a shape are those of one."""
+    """Return whether the numbers of a shape are valid."""
     leaves = [np.asarray(x) for x in jax.tree_util.tree_leaves(surface)]
     if not all(np.all(np.isfinite(x)) for x in leaves):
         return False

@@ -1,12 +1,12 @@
 """The search for the nearest triangles of two meshes: pairs of boxes of two trees, then pairs of triangles.
 
-Pairs of nodes wait on a stack; a block of them at a time is expanded by a compiled program to the pairs of their
-children, and the host keeps those that are not farther apart than two points found. The deepest and nearest go first,
-so the stack is short. What is left of the triangles is settled in rational arithmetic (jhd._triangles.exact_triangles):
-the few pairs whose bounds do not exclude them, and at once a pair that seems to meet, which ends the search.
+Pairs of nodes wait on a stack; a compiled function expands a block of them to the pairs of their children, and the host
+keeps the pairs that are not farther apart than two points found. The deepest and nearest go first, so the stack is
+short. The few pairs of triangles that bounds do not exclude are settled in rational arithmetic
+(jhd._triangles.exact_triangles). A pair that seems to meet is settled at once, which ends the search.
 
-Nothing that is left out has a distance below the upper bound: boxes are exact, their gap rounds six times at most, and
-bounds of triangles are proven (jhd._triangles.triangle_pairs).
+No pair left out has a distance below the upper bound: boxes are exact, their gap rounds six times at most, and bounds
+of triangles are proven (jhd._triangles.triangle_pairs).
 """
 
 from collections.abc import Callable
@@ -30,11 +30,11 @@ from jhd._triangles.unit import in_unit
 
 # Pairs kept of every level in the quick descent that gives the first upper bound.
 _BEAM = 512
-# Pairs of one block that are looked at in rational arithmetic because they seem to meet.
+# Pairs of one block that are examined in rational arithmetic because they seem to meet.
 _PROBES = 4
-# So many pairs are settled in rational arithmetic in any case: it takes a tenth of a second.
+# This many pairs are always settled in rational arithmetic: it takes a tenth of a second.
 _SETTLED = 64
-# Up to so many pairs are tried with the planes of the nearest one, which takes some microseconds for a triangle.
+# Up to this many pairs are tested with the planes of the nearest pair, which takes some microseconds for a triangle.
 _PARTED = 1 << 14
 
 
@@ -43,8 +43,8 @@ class MeshBoxes(NamedTuple):
 
     Args:
         corners: of the triangles as sorted.
-        boxes: as in BoxTree, like `levels`.
-        levels: see there.
+        boxes: boxes of the nodes, as in BoxTree.
+        levels: levels of the tree, as in BoxTree.
         order: the number in the mesh of each sorted triangle.
         exponent: the power of two.
     """
@@ -57,7 +57,7 @@ class MeshBoxes(NamedTuple):
 
 
 def mesh_boxes(mesh: TriangleMesh) -> MeshBoxes:
-    """The tree of boxes of a mesh whose numbers are known."""
+    """Return the tree of boxes of a mesh whose numbers are known."""
     unit, exponent = in_unit(mesh)
     corners = stored_corners(unit)
     tree = box_tree(corners)
@@ -65,12 +65,12 @@ def mesh_boxes(mesh: TriangleMesh) -> MeshBoxes:
 
 
 def stored_corners(mesh: TriangleMesh) -> Float[np.ndarray, "triangles corners 3"]:
-    """The corners of the triangles of a mesh whose numbers are known."""
+    """Return the corners of the triangles of a mesh whose numbers are known."""
     return np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
 
 
 def in_one_unit(a: MeshBoxes, b: MeshBoxes) -> tuple[MeshBoxes, MeshBoxes]:
-    """Both in the larger unit, and with trees of one height: the lower one has single nodes on top."""
+    """Return both sides in the larger unit, with trees of equal height: single nodes are added on top."""
     exponent, height = max(a.exponent, b.exponent), max(len(a.levels), len(b.levels))
     first, second = (_raised(_shrunk(side, exponent - side.exponent), height) for side in (a, b))
     return first, second
@@ -87,6 +87,7 @@ def _shrunk(side: MeshBoxes, power: int) -> MeshBoxes:
 
 
 def _raised(side: MeshBoxes, height: int) -> MeshBoxes:
+    """Return a tree with levels of single nodes on top, up to `height` levels."""
     missing = height - len(side.levels)
     if missing == 0:
         return side
@@ -131,12 +132,12 @@ class Settled(NamedTuple):
 
 
 class PairSearch:
-    """A search that is going on; bounds are in the common unit of both sides and proven at any time.
+    """A running search; its bounds are in the common unit of both sides, and proven at any time.
 
     Args:
         a: one mesh.
-        b: the other one, in the same unit and with as many levels.
-        meshes: the corners of the triangles of both as they are stored, which is what is measured exactly.
+        b: the second mesh, in the same unit and with as many levels.
+        meshes: the stored corners of the triangles of both meshes, which are measured exactly.
     """
 
     def __init__(self, a: MeshBoxes, b: MeshBoxes, meshes: tuple[np.ndarray, np.ndarray]):
@@ -161,16 +162,16 @@ class PairSearch:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether there are pairs of boxes that have not been looked at."""
+        """Whether there are open pairs of boxes."""
         return bool(self._stack) and self.upper > 0
 
     @property
     def waiting(self) -> int:
-        """The number of pairs, of boxes or of triangles, that are still to be looked at."""
+        """The number of open pairs of boxes or of triangles."""
         return sum(len(pairs.a) for _, pairs in self._stack) + sum(len(pairs.a) for pairs in self._near)
 
     def advance(self) -> None:
-        """Looks at the next block of pairs; what is left to do is handed over at the end, whatever interrupts it."""
+        """Process the next block of pairs. The remaining work is stored last, so an interruption does no harm."""
         level, waiting = self._stack[-1]
         waiting = waiting.take(np.flatnonzero(waiting.lower <= self.upper))
         pairs, rest = waiting.take(slice(-BLOCKS[-1], None)), waiting.take(slice(None, -BLOCKS[-1]))
@@ -186,11 +187,11 @@ class PairSearch:
         self._stack[-1:] = left
 
     def settle(self, allowed: Callable[[float], float], most: int) -> None:
-        """Measures the triangles that are left in rational arithmetic, the nearest first, until it `is_settled`.
+        """Measure the remaining triangles in rational arithmetic, the nearest first, until it `is_settled`.
 
         Args:
             allowed: the gap that may stay at an upper bound if more than a few pairs are left.
-            most: pairs at most in all.
+            most: largest total number of pairs.
         """
         known = None
         while not self.is_settled and self.tried < most:
@@ -206,7 +207,7 @@ class PairSearch:
                 self.tried += 1
 
     def _left(self) -> Pairs:
-        """The pairs of triangles that may be nearer than the upper bound, the nearest first."""
+        """Return the pairs of triangles that may be nearer than the upper bound, the nearest first."""
         none = np.zeros(0, np.int32)
         parts = [Pairs(none, none, np.zeros(0)), *self._near]
         a, b, lower = (np.concatenate([part[k] for part in parts]) for k in range(3))
@@ -215,7 +216,7 @@ class PairSearch:
         return every.take(np.argsort(every.lower, kind="stable"))
 
     def _beyond(self, pairs: Pairs) -> Pairs:
-        """The pairs without those that the planes through the nearest points part: they are not nearer."""
+        """Return the pairs that may be nearer: the planes through the nearest points do not separate them."""
         if not 0 < len(pairs.a) <= _PARTED:
             return pairs
         i, j = self.best.triangles
@@ -227,7 +228,7 @@ class PairSearch:
         return pairs.take(np.flatnonzero(~(behind[0] & behind[1])))
 
     def _descend(self, level: int) -> None:
-        """The first upper bound: that of the nearest of a few pairs of every level, by the middles of their boxes."""
+        """Find a first upper bound from a few pairs of every level with the nearest middles of boxes."""
         pairs = self._stack[0][1]
         for k in range(level, -1, -1):
             squares = in_blocks(_middles, *self._boxes(k, pairs)).reshape(-1)
@@ -251,7 +252,7 @@ class PairSearch:
         return _chosen(pairs, near, np.maximum(lower, 0.0))
 
     def _measure(self, pairs: Pairs, keeping: bool = True) -> None:
-        """Bounds of pairs of triangles."""
+        """Bound pairs of triangles, keep the open ones, and settle the most promising ones."""
         quick = in_blocks(_quick, *self._corners(pairs))
         pairs = pairs.take(np.flatnonzero(quick <= self.upper))
         if not len(pairs.a):
@@ -286,7 +287,7 @@ class PairSearch:
 
 
 def _chosen(pairs: Pairs, rows: np.ndarray, lower: np.ndarray) -> Pairs:
-    """The pairs of children at these places of (pairs, children, children)."""
+    """Return the pairs of children at these flat indices into (pairs, children, children)."""
     pair, first, second = rows >> 6, (rows >> 3) & 7, rows & 7
     children = [x[pair] * WIDTH + y.astype(np.int32) for x, y in zip(pairs[:2], (first, second), strict=True)]
     return Pairs(children[0], children[1], lower)
@@ -294,7 +295,7 @@ def _chosen(pairs: Pairs, rows: np.ndarray, lower: np.ndarray) -> Pairs:
 
 @compiled
 def _gaps(a: Array, b: Array) -> Float[Array, "pairs 8 8"]:
-    """Squared distances of the boxes of all children; infinite where there is none."""
+    """Return squared distances of the boxes of all children; infinite for missing children."""
     square = jnp.zeros(())
     for axis in range(3):
         over = a[:, axis, :, None] - b[:, axis + 3, None, :]
@@ -306,7 +307,7 @@ def _gaps(a: Array, b: Array) -> Float[Array, "pairs 8 8"]:
 
 @compiled
 def _middles(a: Array, b: Array) -> Float[Array, "pairs 8 8"]:
-    """Squared distances of the middles of the boxes of all children; infinite where there is none."""
+    """Return squared distances of the middles of the boxes of all children; infinite for missing children."""
     x, y = ((box[:, :3] + box[:, 3:]) / 2 for box in (a, b))
     step = x[:, :, :, None] - y[:, :, None, :]
     square = jnp.sum(step * step, axis=1)

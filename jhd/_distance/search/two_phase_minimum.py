@@ -42,19 +42,19 @@ from jhd._distance.search.row_batches import each, in_blocks
 from jhd._distance.search.search import AbstractSearch, Standing
 from jhd._runtime.compiled import compiled
 
-# Steps of the first kind, and pairs in its longest table: its program compiles for seconds for each length.
+# Steps of the first kind, and pairs in its longest table: each length compiles for seconds.
 _FIRST_TURN, _LONGEST = 512, 2048
-# Pairs that are cut at once; those that are bounded side by side.
+# Pairs that are cut at once, and pairs that are bounded in one batch.
 _TAKEN, _LANES = 256, 32
-# The number of pairs of a family over a surface grows like this power of the inverse of the gap, as bounds are short by
-# the eighth power of the size of the cells. This foretells the steps within a factor of two, if the gap is small.
+# The number of pairs near a surface of nearest pairs grows like this power of the inverse of the gap, as bounds are
+# short by the eighth power of the size of the cells. This predicts the steps within a factor of two for small gaps.
 _POWER, _TOO_MANY = 0.25, 2.0
-# Feet move on the first shape if the distance is bent along the second one by less than this share of what it is there.
+# Feet move on the first shape if the second derivative along the second is below this fraction of that along the first.
 _FLATTER = 0.125
 
 
 class FollowedPairs(NamedTuple):
-    """The pairs of cells that wait, in NumPy's arrays, and what is known beside them; see ClosestState.
+    """The waiting pairs of cells, as NumPy arrays, with the best pair and counts; see ClosestState.
 
     Args:
         kind: the shape on which feet move.
@@ -77,21 +77,21 @@ class FollowedPairs(NamedTuple):
     pairs: int
 
     def reached(self) -> Reached:
-        """What is proven and found."""
+        """Return the bounds and the best pair so far."""
         lower = np.minimum(np.minimum(np.min(self.lower, initial=np.inf), self.settled), self.best.upper)
         counts = len(self.lower), False, self.steps, self.pairs
         return Reached(self.best, *map(np.asarray, (lower, *counts)))  # pyright: ignore[reportArgumentType]
 
 
 class InTurn(AbstractSearch):
-    """The search from the host.
+    """The search by two kinds of bounds, from the host.
 
     Args:
-        begun: makes the table in which the first kind begins.
-        stretch: goes on from a table until a limit of steps, growing or not; to the table, its outcome and `news_of`.
-        follow: the shapes as they are bounded about the nearest pair found.
-        sharper: that pair, or one that is proven to be nearer.
-        shown: the outcome of what the second kind has reached.
+        begun: makes the first table of the first kind.
+        stretch: advances a table up to a limit of steps, growing or not; returns the table, its outcome and `news_of`.
+        follow: returns the shapes as the second kind bounds them, from the nearest pair found.
+        sharper: returns this pair, or a pair that is proven to be nearer.
+        shown: returns the outcome of the bounds that the second kind has reached.
         wanted: tolerances and the most steps of both.
     """
 
@@ -130,7 +130,7 @@ class InTurn(AbstractSearch):
         return longer(state) if isinstance(state, ClosestState) and state.lower.size < _LONGEST else state
 
     def _followed(self, before: ClosestState) -> FollowedPairs:
-        """All pairs again, none with a bound below what the first kind has proven."""
+        """Return all pairs again, with bounds of at least the bound proven by the first kind."""
         known, table = reached_by(before), jax.tree_util.tree_map(np.asarray, self._begun())
         there = np.isfinite(table.lower)
         best = known.best if known.best.upper < table.best.upper else table.best
@@ -156,8 +156,8 @@ class InTurn(AbstractSearch):
 
 
 def _cut(problem: WithMovingFeet, wanted: WantedGap, state: FollowedPairs, most: int) -> FollowedPairs:
-    """Cuts the pairs with the smallest bounds, `most` of them, in two and bounds the halves."""
-    # What is closed since the best pair is nearer waits no more, and its bound counts.
+    """Cut the pairs with the smallest bounds, `most` of them, in two and bound the halves."""
+    # Pairs closed because the best pair is nearer leave the list, and their bounds count.
     still = state.lower < float(close_enough(problem, wanted, state.best))
     settled = np.minimum(state.settled, np.min(state.lower[~still], initial=np.inf))
     order = np.flatnonzero(still)[np.argsort(state.lower[still], kind="stable")]
@@ -182,12 +182,12 @@ def _cut(problem: WithMovingFeet, wanted: WantedGap, state: FollowedPairs, most:
 
 
 def _rows(x: Any, rows: np.ndarray) -> Any:
-    """Some rows of arrays."""
+    """Return some rows of arrays."""
     return jax.tree_util.tree_map(lambda x: x[rows], x)
 
 
 def _followed(problem: WithMovingFeet, pairs: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Lower bounds of pairs of cells by feet that move, zero if they cannot be more, and the extents to cut."""
+    """Return lower bounds of pairs of cells by feet that move (zero if unknown), and the extents to cut."""
     x, cell = pairs.x, pairs.cell
     lower, convex = np.zeros(len(x), x.dtype), np.zeros(len(x), bool)
     if not len(x):
@@ -202,7 +202,7 @@ def _followed(problem: WithMovingFeet, pairs: Any) -> tuple[np.ndarray, np.ndarr
 
 @compiled
 def _bounds(problem: WithMovingFeet, count: Array, *rows: Array) -> PairBound:
-    """Bounds over pairs of cells."""
+    """Return bounds over pairs of cells."""
     return each(lambda *cell: problem.bound(Cell(*cell)), count, rows, _LANES)
 
 
@@ -221,14 +221,14 @@ def _moving_bounds(problem: WithMovingFeet, count: Array, *rows: Array) -> tuple
 
 
 def _with_feet(problem: Parametric | WithSurface, best: BestPair) -> type[WithMovingFeet]:
-    """Bounds with feet that move, on the shape from which the distance is bent more at the nearest pair."""
+    """Return the kind of bounds with moving feet: on the shape with the larger second derivative."""
     of_a, of_b = np.asarray(_bends(problem, best))
     return WithFeetOnFirst if of_b < _FLATTER * of_a else WithMovingFeet
 
 
 @compiled
 def _bends(problem: Parametric | WithSurface, best: BestPair) -> Array:
-    """The least second derivative of half the squared distance along each shape, by lengths on it; at most one."""
+    """Return the least second derivative of half the squared distance along each shape, in lengths; at most one."""
     n = parameters(problem.a)
     sides = (problem.a, best.piece_a, best.x[:n]), (problem.b, best.piece_b, best.x[n:])
     points = [x if isinstance(shape, Side) else jet(shape.piece(k), x).point for shape, k, x in sides]
@@ -237,9 +237,9 @@ def _bends(problem: Parametric | WithSurface, best: BestPair) -> Array:
 
 
 def _bend(shape: Net | Side, piece: Array, x: Array, e: Array) -> Array:
-    """That along one shape, where e leads to its point from the other one's."""
+    """Return the entry of `_bends` for one shape; `e` leads to its point from the other point."""
     if isinstance(shape, Side):
-        # Of the Lagrangian along the tangent plane; the matrix has a one across it.
+        # The Lagrangian along the tangent plane; the matrix has a one across it.
         _, slope, bent = jets(jnp.asarray(shape.coefficients), x)
         square = slope @ slope
         unit = slope / jnp.sqrt(jnp.where(square > 0, square, jnp.inf))

@@ -24,11 +24,11 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.search.sources import CellRows, MeshSource, cut_along
 from jhd._runtime.arrays import joined
 
-# A cut that ends this close to a corner ends there, as a share of a side.
+# A cut that ends this close to a corner, as a fraction of a side, ends at the corner.
 _AT_END = 2.0**-30
-# More than the roundings of a place between two others, with coordinates of at most one.
+# Exceeds the roundings of a point between two others, with coordinates of at most one.
 _ROUNDINGS = gamma(16, np.float64)
-# A cell is cut along the parameters along which it is at least this share as long as along the longest.
+# A cell is cut along each parameter along which its length is at least this fraction of the largest.
 _LONG = 0.6
 
 
@@ -36,38 +36,37 @@ class AbstractMeasured(ABC):
     """A shape as cells with measures, in common coordinates.
 
     Args:
-        dimension: of the measure: 0 for a number, 1 for a length, 2 for an area.
+        dimension: dimension of the measure: 0 for a number, 1 for a length, 2 for an area.
     """
 
     dimension: int
 
     @abstractmethod
     def cover(self) -> CellRows:
-        """Cells that are all of it."""
+        """Return cells that form the whole shape."""
 
     @abstractmethod
     def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
-        """Parts that are the same, and which cell each is of.
+        """Return parts that form the cells, and the index of the cell of each part.
 
         Args:
-            cells: which ones.
-            flat: flat pieces beside them.
-            parting: values at the corners of affine functions; a triangle over which one changes its sign is best cut
-                where it is zero.
+            cells: the cells to cut.
+            flat: flat pieces close to them.
+            parting: values of affine functions at the corners; a triangle is best cut along a zero line of one.
         """
 
     @abstractmethod
     def flat(self, cells: CellRows) -> FlatCells:
-        """The cells beside flat pieces, with their measures."""
+        """Return flat pieces close to the cells, with the measures of the cells."""
 
 
 class MeasuredPoints(AbstractMeasured):
-    """A set of points, each of which counts one, or what is said.
+    """A set of points with weights, by default one each.
 
     Args:
         points: (points, 3).
         off: bound of the errors of their coordinates.
-        counts: what each counts, (points,), or None.
+        counts: weights of the points, (points,), or None.
     """
 
     dimension = 0
@@ -83,7 +82,7 @@ class MeasuredPoints(AbstractMeasured):
 
     @override
     def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
-        """A point stays as it is."""
+        """Return the points unchanged."""
         return cells, np.arange(len(cells.piece))
 
     @override
@@ -116,7 +115,7 @@ class MeasuredNet(AbstractMeasured):
 
     @override
     def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
-        """At the middles of those parameters along which the flat pieces are long."""
+        """Cut at the middles of the parameters along which the flat pieces are long."""
         corners = flat.corners
         sides = [corners[:, -1] - corners[:, 0]]
         if self.dimension == 2:
@@ -137,7 +136,7 @@ class MeasuredNet(AbstractMeasured):
         measured = measured_parts(self._form, cells.piece, (cells.low, cells.high), weights, self._off)
         controls = beside
         if weights is None:
-            # Each coordinate of a coefficient is off by so much.
+            # Error of each coordinate of a coefficient.
             controls = rows.reshape(len(rows), -1, 3), np.full(len(rows), 2 * self._off)
         return FlatCells(*beside, *measured, *controls)
 
@@ -162,7 +161,7 @@ class MeasuredMesh(AbstractMeasured):
 
     @override
     def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
-        """Each into four, or along the parting into two or three, which become triangles of a.
+        """Cut each cell into four, or along the parting into two or three, which become triangles of a.
 
         A corner of such a part divides a side of its cell in a ratio that is a float. So the parts are all of the cell.
         The corner is off by as much as the ends of the side, and by a few roundings of coordinates of at most one.
@@ -187,9 +186,9 @@ class MeasuredMesh(AbstractMeasured):
 
 
 def _parts_along(corners: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The parts of triangles above and below zero of the heights of their corners, and which triangle each is of."""
+    """Return the parts of triangles above and below zero of the heights of their corners, and their triangles."""
     signs = np.sign(heights)
-    # The corner that has a side to itself; of two the first.
+    # The corner that is alone on its side; of two, the first.
     alone = np.argmax(signs * np.sign(np.sum(signs, axis=1, keepdims=True) - 0.5) < 0, axis=1)
     turned = (alone[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners, turned[..., None], axis=1), 1, 0)
@@ -200,7 +199,7 @@ def _parts_along(corners: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, 
     cuts = np.where(whole[..., None], ends, a[:, None] + share[..., None] * (ends - a[:, None]))
     x, y = cuts[:, 0], cuts[:, 1]
     parts = np.stack([np.stack(p, axis=1) for p in ((a, x, y), (x, b, c), (x, c, y))], axis=1)
-    # Where a cut ends in a corner one part is none.
+    # If a cut ends in a corner, one part is missing.
     kept = np.concatenate([np.ones((len(a), 1), bool), ~whole], axis=1)
     of, _ = np.nonzero(kept)
     return parts[kept], of

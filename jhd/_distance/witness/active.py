@@ -2,15 +2,15 @@
 
 At a witness the parameter t on a and the feet s1, s2 on b solve three equations G = 0. A foot is free, (A - B).B' = 0,
 or held at an end or corner of b. The parameter is held at an end or corner of a, or set by equal distances of two feet,
-or by (A - B).A' = 0. In the plane the last one is B' x A' = 0 at a free foot where the normal of b tells more than
-A - B (jhd._distance.nearest.feet.by_normal). The distance is taken along that normal for the same reason.
+or by (A - B).A' = 0. In the plane the last equation is B' x A' = 0 at a free foot if the normal of b is more exact than
+A - B (jhd._distance.nearest.feet.by_normal). The distance is taken along this normal, too.
 
-The value has the derivative lambda_1 d1 + lambda_2 d2, where d_i is that of the distance to foot i at fixed parameters
-and lambda the multipliers of the witness; a single foot has lambda = 1, and at an end or corner of a the multipliers
-are constants (jhd._distance.witness.multipliers). The parameters y move by -J^-1 dG, and the Jacobian J is small enough
-for Cramer's rule. `solution` is y as a function of both curves, whose derivative is written with `solution` again, so
-that derivatives of all orders are right. If the determinant vanishes (concentric arcs, whose maximum is not isolated),
-nothing moves.
+The value has the derivative lambda_1 d1 + lambda_2 d2, where d_i is the derivative of the distance to foot i at fixed
+parameters and lambda the multipliers of the witness; a single foot has lambda = 1, and at an end or corner of a the
+multipliers are constants (jhd._distance.witness.multipliers). The parameters y move by -J^-1 dG, and the Jacobian J is
+small enough for Cramer's rule. `solution` is y as a function of both curves, whose derivative is written with
+`solution` again, so that derivatives of all orders are right. If the determinant vanishes (concentric arcs, whose
+maximum is not isolated), nothing moves.
 
 Source: the events are those of Elber & Grandine, GMP 2008; implicit differentiation is Danskin's theorem for one foot.
 """
@@ -27,14 +27,14 @@ from jhd._distance.normalization.pieces import Piece, is_point
 from jhd._results.solution import EVENTS
 from jhd._runtime.arrays import varying
 
-# A determinant below this share of the product of the lengths of its rows is none.
+# A determinant below this fraction of the product of the lengths of its rows is zero.
 _SINGULAR = 1e-10
 # Newton steps of a polish; the peaks of the search are off by the root of its tolerance.
 _POLISH = 4
 
 
 class Active(NamedTuple):
-    """The pieces that carry a witness and its feet, which of the three parameters are held, whether both feet count."""
+    """The pieces that carry a witness and its feet, a mask of the held parameters, and whether both feet count."""
 
     a: Piece
     first: Piece
@@ -44,7 +44,7 @@ class Active(NamedTuple):
 
     @property
     def pieces(self) -> "Pieces":
-        """The three pieces alone."""
+        """The three pieces."""
         return self.a, self.first, self.second
 
 
@@ -52,7 +52,7 @@ Pieces = tuple[Piece, Piece, Piece]
 
 
 def active(a: Piece, first: Piece, second: Piece, y: Array, event: Any, multipliers: Array) -> Active:
-    """The system that belongs to an event at the parameters y = (t, s1, s2); at ends the multipliers tell the feet."""
+    """Return the system of an event at the parameters y = (t, s1, s2); at ends the multipliers determine the feet."""
     at = jet(*a, y[0]).point
     ends = (event == EVENTS.a_end) | (event == EVENTS.corner)
     two = (event == EVENTS.one_to_two) | ends & jnp.all(multipliers > 0)
@@ -83,18 +83,18 @@ class _Products(NamedTuple):
 
     @classmethod
     def of(cls, jets: _Jets) -> "_Products":
-        """All at once: a program is as long to compile as it has parts, and each sum is one."""
+        """Compute all products at once: compiling takes longer for each separate operation."""
         a, b, d = jets
         c, e = a.point - b.point, a.point - d.point
         # c - e without rounding c and e.
         rows = jnp.stack([c, e, c + e, d.point - b.point, a.first, a.second, b.first, b.second, d.first, d.second])
-        # A sum keeps the batch axis of vmap in front, where a matrix product may move it.
+        # A sum keeps the batch axis of vmap in front; a matrix product may move it.
         dot = jnp.sum(rows[:, None] * rows, axis=-1)
         crossed = rows[:, None, 0] * rows[:, 1] - rows[:, None, 1] * rows[:, 0] if c.shape[0] == 2 else None
         return cls(dot, crossed)
 
     def along_normal(self, held: Array) -> Array:
-        """Whether the first foot is free and the normal there tells its direction."""
+        """Return whether the first foot is free and the normal there gives its direction."""
         return ~held & by_normal(self.dot[_C, _C], self.dot[_B1, _B1])
 
 
@@ -103,7 +103,7 @@ _C, _E, _SUM, _APART, _A1, _A2, _B1, _B2, _D1, _D2 = range(10)
 
 
 def _equations(jets: _Jets, system: Active) -> Array:
-    """G without the equations of the parameters that are held."""
+    """Return G without the equations of the parameters that are held."""
     products = _Products.of(jets)
     dot, crossed = products
     stationary = dot[_C, _A1]
@@ -114,7 +114,7 @@ def _equations(jets: _Jets, system: Active) -> Array:
 
 
 def _jacobian(jets: _Jets, system: Active) -> Array:
-    """Rows of dG/dy; those of the parameters that are held are unit vectors."""
+    """Return the rows of dG/dy; rows of held parameters are unit vectors."""
     products = _Products.of(jets)
     dot, crossed = products
     zero = jnp.zeros((), dot.dtype)
@@ -132,7 +132,7 @@ def _jacobian(jets: _Jets, system: Active) -> Array:
 
 
 def _solve(rows: Array, right: Array) -> Array:
-    """The solution by Cramer's rule; zero where the determinant vanishes.
+    """Return the solution by Cramer's rule; zero if the determinant vanishes.
 
     The inverse has the cross products of the rows as columns. It is formed apart from the right-hand side, in which
     rules of derivatives must be linear term by term.
@@ -146,20 +146,20 @@ def _solve(rows: Array, right: Array) -> Array:
 
 
 def stationary(s: Array, point: Array, piece: Piece, held: Array) -> Array:
-    """The parameter of a foot after a Newton step of (B - P).B' = 0, where it is free and the root is simple."""
+    """Return the parameter of a foot after a Newton step of (B - P).B' = 0, if it is free and the root is simple."""
     here = equation(point, piece, s)
     moves = ~held & here.is_simple
     return s - jnp.where(moves, here.residual, 0.0) / jnp.where(moves, here.slope, 1.0)
 
 
 def newton(y: Array, system: Active) -> Array:
-    """One Newton step from y; y itself where the determinant vanishes."""
+    """Return y after one Newton step; y itself if the determinant vanishes."""
     jets = _jets(y, system.pieces)
     return y - _solve(_jacobian(jets, system), jnp.where(system.held, 0.0, _equations(jets, system)))
 
 
 def solution(start: Array, pieces: Pieces, held: Array, two: Array) -> Array:
-    """The solution of the system next to `start`, as a function of the pieces."""
+    """Return the solution of the system next to `start`, as a function of the pieces."""
     return jnp.stack(_solution((start[0], start[1], start[2]), pieces, held, two))
 
 
@@ -168,7 +168,7 @@ def solution(start: Array, pieces: Pieces, held: Array, two: Array) -> Array:
 @jax.custom_jvp
 def _solution(start: tuple, pieces: Pieces, held: Array, two: Array) -> tuple[Array, ...]:
     system = Active(pieces[0], pieces[1], pieces[2], held, two)
-    # Two steps, in a loop: a program is as long to compile as it has parts.
+    # Two steps in a loop: compiling takes longer for each separate operation.
     y = jax.lax.fori_loop(0, 2, lambda _, y: newton(y, system), varying(jnp.stack(start), pieces, held, two))
     return y[0], y[1], y[2]
 
@@ -184,7 +184,7 @@ def _solution_rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
 
 
 def direction(c: Array, velocity: Array, held: Array) -> Array:
-    """Unit vector from a foot to the witness, c apart: the normal of b where that is known, zero where c is."""
+    """Return the unit vector along c, from a foot to the witness: the normal of b if that is known."""
     square = c @ c
     unit = c / jnp.sqrt(jnp.where(square > 0, square, 1.0))
     if c.shape[0] == 3:
@@ -196,29 +196,29 @@ def direction(c: Array, velocity: Array, held: Array) -> Array:
 
 
 def places(y: Array, pieces: Pieces) -> tuple[Array, Array]:
-    """The witness, and both feet in rows."""
+    """Return the witness, and both feet in rows."""
     a, first, second = _jets(y, pieces)
     return a.point, jnp.stack([first.point, second.point])
 
 
 def distance(y: Array, system: Active) -> Array:
-    """Distance from the witness to its first foot; along the normal of b where that is known."""
+    """Return the distance from the witness to its first foot; along the normal of b if that is known."""
     a, b, _ = _jets(y, system.pieces)
     c = a.point - b.point
     return c @ direction(c, b.first, system.held[1])
 
 
 def polished(y: Array, system: Active) -> Array:
-    """Parameters after a few Newton steps, kept in [0, 1]."""
+    """Return parameters after a few Newton steps, kept in [0, 1]."""
     return jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(newton(x, system), 0.0, 1.0), varying(y, system))
 
 
 def balance(y: Array, system: Active, held: Array) -> tuple[Array, Array]:
-    """Multipliers of both feet, and the unit vectors from them to the witness in rows.
+    """Return the multipliers of both feet, and the unit vectors from the feet to the witness in rows.
 
-    The weights lambda_i have lambda_1 g1 + lambda_2 g2 = 0 for the slopes g_i of the distances along a. Those given as
-    `held` hold where the parameter on a does: a range of them may serve there (jhd._distance.witness.multipliers), and
-    the same ones are taken as long as the feet stay.
+    The weights lambda_i have lambda_1 g1 + lambda_2 g2 = 0 for the slopes g_i of the distances along a. If the
+    parameter on a is held, the multipliers `held` are returned: a range of multipliers may be valid
+    (jhd._distance.witness.multipliers), and these stay fixed while the feet stay.
     """
     a, first, second = _jets(y, system.pieces)
     feet, velocities = jnp.stack([first.point, second.point]), jnp.stack([first.first, second.first])

@@ -1,16 +1,16 @@
 """The conditions at a farthest point and its feet, for shapes of any two kinds, as functions of both shapes.
 
-The place x_0 on a, the feet x_k on b, their multipliers m_k and s = h^2 / 2 are a stationary point of
+The farthest point x_0 on a, the feet x_k on b, their multipliers m_k and s = h^2 / 2 are a stationary point of
 
     L = s + sum m_k (|p(x_0) - q_k(x_k)|^2 / 2 - s) - sum mu_j c_j(x_j)
 
-with the points p and q_k of the coordinates x, and one constraint c_j = 0 for a place on an implicit surface (its
+with the points p and q_k of the coordinates x, and one constraint c_j = 0 for a point on an implicit surface (its
 polynomial) or on a triangle (barycentric coordinates have the sum one). Coordinates at a border, an edge or a face of a
-box that presses are held there. The derivative of the distance is that of the points at fixed x (the envelope theorem);
-how x and m move follows from the conditions by implicit differentiation. This gives second and higher derivatives.
+box that presses are held there. The derivative of the distance is taken at fixed x (the envelope theorem). Implicit
+differentiation of the conditions gives the derivatives of x and m, and so second and higher derivatives.
 
-The direction from a foot to the place is the difference of both points. On an implicit surface it is the normal if
-rounding turns the normal less. At distance zero derivatives are zero by convention.
+The direction from a foot to the farthest point is the difference of both points. On an implicit surface it is the
+normal if rounding turns the normal less. At distance zero derivatives are zero by convention.
 
 Source: Karush-Kuhn-Tucker conditions of the maximum of a minimum; sensitivity of their solutions: Fiacco, Introduction
 to Sensitivity and Stability Analysis in Nonlinear Programming, Academic Press 1983, chapter 3.
@@ -33,11 +33,11 @@ from jhd._distance.normalization.net_jets import Net, jet
 from jhd._results.solution import MinimumSolution, Witness
 from jhd._runtime.arrays import varying
 
-# Singular values below this fraction of the largest are zero: no move along non-isolated places.
+# Singular values below this fraction of the largest are zero: non-isolated maximizers do not move along themselves.
 _FLAT = 1e-10
 # A border presses if the slope towards it is at least this fraction of the length of the derivative.
 _PRESSING = 1e-7
-# Barycentric coordinates below this put a place on an edge.
+# Barycentric coordinates below this put a point on an edge.
 _ON_EDGE = 1e-9
 # Newton steps before the conditions are differentiated.
 _STEPS = 2
@@ -47,12 +47,12 @@ _TOUCHING = 1e-9
 _TANGENT = 0.05
 # Coordinates of points at about one are known to this many units of roundoff.
 _NOISE = 256
-# A face lets go where the pull is inward by more than this fraction of the distance.
+# A face lets go if the pull is inward by more than this fraction of the distance.
 _INWARD = 1e-9
 
 
 class NetRows(NamedTuple):
-    """Segments or patches, of which each has one set of control points, and of weights where there are any."""
+    """Segments or patches: each has one set of control points, and of weights if there are any."""
 
     points: Any
     weights: Any
@@ -85,16 +85,16 @@ class Polynomial(NamedTuple):
     upper: Any
 
 
-# Those whose coordinates satisfy an equation.
+# Shapes whose coordinates satisfy an equation.
 Bound = Polynomial | CornerRows
 
 
 class _State(NamedTuple):
-    """All unknowns: the place, its feet, and the multipliers.
+    """All unknowns: coordinates of the farthest point and its feet, and the multipliers.
 
     Args:
-        x: coordinates (1 + feet, 3), the first row of the place: parameters, barycentric coordinates or those in space.
-        multipliers: those of the feet.
+        x: coordinates (1 + feet, 3), the farthest point first: parameters, barycentric coordinates or position.
+        multipliers: the multipliers of the feet.
         constraints: the multipliers of the constraints (1 + feet,).
         half_sq: half the squared distance.
     """
@@ -106,14 +106,14 @@ class _State(NamedTuple):
 
 
 class _Fixed(NamedTuple):
-    """What does not move on its own.
+    """Data that stay constant while the conditions are solved.
 
     Args:
-        held: the coordinates (1 + feet, 3) that a border holds, or that a point does not have.
-        low: whether it is the lower border.
-        at: where the coordinates began.
-        used: the feet that count.
-        along: the feet whose normals tell the directions.
+        held: mask of the coordinates (1 + feet, 3) that a border holds, or that a point does not have.
+        low: mask of the coordinates at the lower border.
+        at: initial coordinates.
+        used: mask of the feet that count.
+        along: mask of the feet whose normals give the directions.
     """
 
     held: Array
@@ -124,7 +124,7 @@ class _Fixed(NamedTuple):
 
 
 def _coordinates(rows: Any, t: Array, at: Array) -> Array:
-    """The three coordinates (places, 3) of places with parameters t at points."""
+    """Return the three coordinates (points, 3) of points `at` with parameters t."""
     if isinstance(rows, Polynomial):
         return at
     t = jnp.zeros((len(at), 0), at.dtype) if isinstance(rows, PointRows) else t.reshape(len(at), -1)
@@ -132,14 +132,14 @@ def _coordinates(rows: Any, t: Array, at: Array) -> Array:
 
 
 def _moving_point(rows: Any, still: Any, at: tuple[Array, Array, Array]) -> Array:
-    """A point at fixed coordinates as a function of the rows that it depends on.
+    """Return a point at fixed coordinates as a function of the rows that it depends on.
 
     On an implicit surface the point moves along the normal and with the faces of the box that hold it.
 
     Args:
         rows: the rows that move.
-        still: the same rows; they tell the normal.
-        at: the coordinates of the point, which of them are held, and which of those at a lower face.
+        still: the same rows as constants, for the normal.
+        at: the coordinates of the point, a mask of the held ones, and a mask of the ones at a lower face.
     """
     x, held, low = at
     if isinstance(rows, Polynomial):
@@ -153,7 +153,7 @@ def _moving_point(rows: Any, still: Any, at: tuple[Array, Array, Array]) -> Arra
 
 
 def _borders(rows: Polynomial, x: Array) -> tuple[Array, Array]:
-    """Which coordinates lie on the lower face of a box, and which on the upper one."""
+    """Return masks of the coordinates on the lower and on the upper face of a box."""
     near = like_double(_TOUCHING, x.dtype) * jnp.max(rows.upper - rows.lower)
     return x <= rows.lower + near, x >= rows.upper - near
 
@@ -170,7 +170,7 @@ def _point(rows: Any, x: Array) -> Array:
 
 
 def _constraint(rows: Any, x: Array) -> tuple[Array, Array]:
-    """The value of a constraint, and its gradient.
+    """Return the value of a constraint, and its gradient.
 
     Values are lengths on an implicit surface and squares of lengths on a triangle, which keep multipliers about one.
     """
@@ -185,7 +185,7 @@ def _constraint(rows: Any, x: Array) -> tuple[Array, Array]:
 
 
 def _rounding(rows: Any, x: Array) -> Array:
-    """A bound on a constraint that rounding alone may leave, which is much far from the origin."""
+    """Bound the value that rounding alone may give a constraint, which is large far from the origin."""
     if not isinstance(rows, Polynomial):
         return jnp.zeros((), x.dtype)
     terms, steep = slopes(jnp.abs(rows.coefficients), jnp.abs(x))[0], length(slopes(rows.coefficients, x)[1])
@@ -193,12 +193,12 @@ def _rounding(rows: Any, x: Array) -> Array:
 
 
 def _at_places(function: Callable[..., Any], x: Any, *rows: tuple[Any, Any]) -> Any:
-    """A function of rows and coordinates at the place and at each foot, stacked.
+    """Apply a function of rows and coordinates to the farthest point and to each foot, and stack the results.
 
     Args:
-        function: takes the rows of one place, as often as `rows` are given, and its coordinates.
-        x: the coordinates of all places, and further arrays with a row for each.
-        rows: those of a, and those of b with one row a foot; an implicit surface has one for all.
+        function: takes the rows of one point, one argument for each of `rows`, and its coordinates.
+        x: the coordinates of all points, and further arrays with a row for each.
+        rows: the rows of a, and the rows of b with one row a foot; an implicit surface has one for all.
     """
     carriers, targets = zip(*rows, strict=True)
     first, others = (jax.tree_util.tree_map(lambda y, k=k: y[k], x) for k in (0, slice(1, None)))
@@ -208,7 +208,7 @@ def _at_places(function: Callable[..., Any], x: Any, *rows: tuple[Any, Any]) -> 
 
 
 def from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
-    """Value, point and feet of a directed distance with its witness as functions of the rows of both shapes.
+    """Return value, point and feet of a directed distance as functions of the rows of both shapes.
 
     The point and the feet move with the shapes at fixed coordinates.
     """
@@ -223,10 +223,10 @@ def from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> Movin
 
 
 def from_pair(rows: tuple[Any, Any], constants: tuple[MinimumSolution, Array, Array]) -> MovingNumbers:
-    """Value of a minimum distance as a function of the rows of both shapes.
+    """Return the value of a minimum distance as a function of the rows of both shapes.
 
     Args:
-        rows: those of a and of b.
+        rows: the rows of a and of b.
         constants: the solution, the coordinates of both points one after the other, and the distance in a unit in
             which both shapes have about the size one.
     """
@@ -241,39 +241,39 @@ def from_pair(rows: tuple[Any, Any], constants: tuple[MinimumSolution, Array, Ar
 
 
 def finite(found: Any) -> Any:
-    """Zeros in place of numbers that are not finite, which stand for what was not found.
+    """Return the arrays with zeros in place of numbers that are not finite, which mark missing results.
 
-    Its derivatives are not used, but zeros go back through them: they must be numbers.
+    Derivatives of missing results are not used, but zeros are propagated through them: they must be numbers.
     """
     return jax.tree_util.tree_map(lambda x: jnp.where(jnp.isfinite(x), x, 0), found)
 
 
 def apart(solution: MinimumSolution, distance: Array) -> Array:
-    """Whether the shapes are proven to be apart, or their nearest points are by more than rounding moves these.
+    """Return whether the shapes are proven to be apart, or their nearest points by more than rounding.
 
-    Elsewhere the direction from one to the other is noise, and derivatives are zero as where shapes meet.
+    Otherwise the direction from one point to the other is noise, and derivatives are zero, as for shapes that meet.
 
     Args:
         solution: the distance with its bounds.
-        distance: the same in common coordinates, where both shapes have about the size one.
+        distance: its value in common coordinates, in which both shapes have about the size one.
     """
     told = (solution.lower > 0) | (distance > _NOISE * unit_roundoff(solution.value.dtype))
     return told & (solution.value > 0)
 
 
 def _started(rows: tuple[Any, Any], t: tuple[Array, Array], at: tuple[Array, Array], m: Array, far: Array) -> _State:
-    """The unknowns that a search found, from parameters and points (places, ...), multipliers and the distance."""
+    """Return the unknowns found by a search, from parameters, points (points, ...), multipliers and the distance."""
     x = jnp.concatenate([_coordinates(*place) for place in zip(rows, t, at, strict=True)])
     return _State(x, m, jnp.zeros(1 + m.size, m.dtype), 0.5 * far**2)
 
 
 def in_one_unit(rows: tuple[Any, Any], far: Array) -> tuple[Array, tuple[Any, Any]]:
-    """A power of two, and the rows in a unit in which lengths are at most about one.
+    """Return a power of two, and the rows in a unit in which lengths are at most about one.
 
     Unknowns differ by powers of the size of the shapes: lengths, their squares and parameters. Dividing the rows and
     then the columns of the linearized conditions by their largest entries does not undo this if the size is large.
 
-    Control points count from a point of a. Implicit surfaces keep the origin: their coefficients hang on it.
+    Control points count from a point of a. Implicit surfaces keep the origin: their coefficients depend on it.
     """
     still = jax.lax.stop_gradient(rows)
     boxes = [part.upper - part.lower for part in still if isinstance(part, Polynomial)]
@@ -290,9 +290,9 @@ def _in_unit(part: Any, origin: Array, scale: Array) -> Any:
 
 @jax.custom_jvp
 def _distance(start: _State, rows: tuple[Any, Any], fixed: _Fixed) -> Array:
-    """The sum of the distances to the feet, weighted by the multipliers, as a function of the rows.
+    """Return the sum of the distances to the feet, weighted by the multipliers, as a function of the rows.
 
-    How the state moves matters from the second order on, and is not asked for before.
+    The derivative of the state matters from the second order on, and is not computed before.
     """
     return _pulled(_pulls(start, rows, fixed), rows)
 
@@ -313,7 +313,7 @@ def _pulls(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _Pulls:
 
 
 def _directions(state: _State, rows: tuple[Any, Any], along: Array) -> Array:
-    """The unit vectors from the feet to the place, along a normal where that is known better."""
+    """Return the unit vectors from the feet to the farthest point; normals for the feet in `along`."""
     at = _at_places(_point, state.x, rows)
     apart = at[0] - at[1:]
     far = length(apart)
@@ -327,11 +327,11 @@ def _directions(state: _State, rows: tuple[Any, Any], along: Array) -> Array:
 
 
 def _along_normal(rows: Polynomial, x: Array, place: Array) -> Array:
-    """Whether rounding turns the normal at a foot less than the vector to the place.
+    """Return whether rounding turns the normal at a foot less than the vector to the farthest point.
 
-    Points are known to a unit of roundoff of the coordinates or of the box. This turns the vector by its share of the
-    length, and the gradient by its product with the second derivatives. Rounding of the terms of the gradient turns it
-    too. So normals do not count next to singular points, nor beyond the centers of curvature.
+    Points are known to a unit of roundoff of the coordinates or of the box. This turns the vector by this error divided
+    by its length, and the gradient by its product with the second derivatives. Rounding of the terms of the gradient
+    turns it too. So normals do not count next to singular points, nor beyond the centers of curvature.
     """
     _, gradient, hessian = jets(rows.coefficients, x)
     terms = slopes(jnp.abs(rows.coefficients), jnp.abs(x))[1]
@@ -347,10 +347,10 @@ def _pulled(state: _Pulls, rows: tuple[Any, Any]) -> Array:
 
 @jax.custom_jvp
 def _balance(start: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
-    """The solution of the conditions next to the start, as a function of the rows; its value is the start.
+    """Return the solution of the conditions next to the start, as a function of the rows; its value is the start.
 
     Args:
-        start: the coordinates and multipliers found; those of the constraints are not needed.
+        start: the coordinates and multipliers found; the multipliers of the constraints are not needed.
         rows: the rows of a and of b.
         fixed: the coordinates that are held, and the feet that count.
     """
@@ -379,17 +379,17 @@ def _balance_rule(primals: tuple, tangents: tuple) -> tuple[_State, _State]:
 
 
 def _free_lagrangian(state: _State, rows: tuple[Any, Any], used: Array) -> Array:
-    """The Lagrange function without constraints."""
+    """Return the Lagrange function without constraints."""
     points = _at_places(_point, state.x, rows)
     apart_sq = jnp.sum((points[0] - points[1:]) ** 2, axis=-1)
     return state.half_sq + jnp.sum(jnp.where(used, state.multipliers * (0.5 * apart_sq - state.half_sq), 0.0))
 
 
 def _slopes(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> tuple[_State, Array]:
-    """The derivatives of the Lagrange function, and the gradients of the constraints.
+    """Return the derivatives of the Lagrange function, and the gradients of the constraints.
 
-    At the place they are those of distances, not of squares, to implicit surfaces. If the surfaces are close, the
-    directions of the normals at the feet tell how the place moves, and the vectors to it do not.
+    At the farthest point they are derivatives of distances, not of squares, to implicit surfaces. If the surfaces are
+    close, the normals at the feet determine how the point moves, while the vectors to it are too inexact.
     """
     left, x = jax.grad(_free_lagrangian)(state, rows, fixed.used), state.x
     values, normals = _at_places(_constraint, x, rows)
@@ -402,7 +402,7 @@ def _slopes(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> tuple[_State
 
 
 def _conditions(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
-    """What is left of each condition."""
+    """Return the residual of each condition."""
     left, (held, low, at, used, _) = _slopes(state, rows, fixed)[0], fixed
     walls = [
         jnp.where(low, part.lower, part.upper) if isinstance(part, Polynomial) else at
@@ -421,10 +421,10 @@ def _conditions(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
 
 
 def _fixed(state: _State, rows: tuple[Any, Any], farthest: bool) -> _Fixed:
-    """The coordinates at a border that presses, those that a place does not have, and which feet count."""
+    """Return the coordinates held by borders or missing, and the feet that count."""
     used = state.multipliers > 0
     pulls = jax.grad(_free_lagrangian)(state, rows, used).x
-    # Downhill is uphill at the place that is farthest.
+    # The farthest point is a maximum, so its slope is reversed.
     pulls = pulls.at[0].set(-pulls[0] if farthest else pulls[0])
     far = jnp.sqrt(2 * state.half_sq) * jnp.append(1.0, state.multipliers)
     held, low = _at_places(lambda part, place: _held(part, *place), (state.x, pulls, far), rows)
@@ -435,7 +435,7 @@ def _fixed(state: _State, rows: tuple[Any, Any], farthest: bool) -> _Fixed:
 
 
 def _held(rows: Any, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
-    """Which coordinates of a place are held, and which at their lower border; the pull is the slope."""
+    """Return a mask of the coordinates of a point that are held, and of the ones at their lower border."""
     if isinstance(rows, Polynomial):
         return _held_by_faces(rows, x, pull, far)
     if isinstance(rows, PointRows):
@@ -455,12 +455,12 @@ def _held(rows: Any, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
 
 
 def _held_by_faces(rows: Polynomial, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
-    """The same of a point of an implicit surface, on faces that press and that the surface does not only touch."""
+    """Return the masks for a point of an implicit surface, for faces that press and are not only touched."""
     (low, high), gradient = _borders(rows, x), slopes(rows.coefficients, x)[1]
     border = low | high
     steep = _TANGENT * length(gradient)
     touched = (length(jnp.where(border, 0.0, gradient)) <= steep) & ~jnp.all(border)
-    # Of the faces at an edge those across the surface go on holding.
+    # Of the faces at an edge, the faces across the surface go on holding.
     border = border & ~(touched & (jnp.abs(gradient) > steep))
     free = jnp.where(border, 0.0, gradient)
     rest = length(free)
@@ -470,7 +470,7 @@ def _held_by_faces(rows: Polynomial, x: Array, pull: Array, far: Array) -> tuple
 
 
 def _with_multipliers(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
-    """The state with the multipliers of the constraints that fit best."""
+    """Return the state with the multipliers of the constraints that fit best."""
     left, normals = _slopes(state._replace(constraints=jnp.zeros_like(state.constraints)), rows, fixed)
     free = jnp.where(fixed.held, 0.0, normals)
     square = jnp.sum(free**2, axis=-1)
@@ -478,7 +478,7 @@ def _with_multipliers(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _S
 
 
 def _solved(state: _State, rows: tuple[Any, Any], fixed: _Fixed, right: _State) -> _State:
-    """The solution of the linearized conditions, of least norm where they are singular."""
+    """Return the solution of the linearized conditions, of least norm if they are singular."""
     flat, form = ravel_pytree(state)
     matrix = jax.jacfwd(lambda x: ravel_pytree(_conditions(form(x), rows, fixed))[0])(flat)
     still = jax.lax.stop_gradient(matrix)

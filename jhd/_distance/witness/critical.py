@@ -23,18 +23,18 @@ from jhd._runtime.arrays import undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd._shapes.curve import BezierSegments
 
-# Pairs at the same place, in the common coordinates, are one.
+# Pairs at equal points, in the common coordinates, are one pair.
 _SAME = 1e-5
 
 
 def local_pairs(a: BezierSegments, b: BezierSegments, capacity: int) -> tuple[CriticalPairs, Frame]:
-    """The critical pairs that samples show, without derivatives, in the user's coordinates; and the common ones."""
+    """Return the critical pairs that samples show, without derivatives, and the frame of the search."""
     p, q, frame = prepare(*undifferentiated((a, b)))
     return _placed(_both(p, q, capacity), frame), frame
 
 
 def _placed(found: CriticalPairs, frame: Frame) -> CriticalPairs:
-    """What was found in the common coordinates, in the user's."""
+    """Return the pairs in the user's coordinates."""
     witness = replace(found.witness, point=frame.place(found.witness.point), feet=frame.place(found.witness.feet))
     usable = jnp.asarray(frame.usable)
     result = result_where(usable, found.result, RESULTS.nonfinite_value)
@@ -43,8 +43,8 @@ def _placed(found: CriticalPairs, frame: Frame) -> CriticalPairs:
 
 @partial(compiled, static=(2,))
 def _both(a: BezierSegments, b: BezierSegments, capacity: int) -> CriticalPairs:
-    """Critical pairs in the common coordinates."""
-    # One program for both directions, one after the other: compiled twice it would take twice as long.
+    """Return critical pairs in the common coordinates."""
+    # One compiled function for both directions, one after the other: compiling two would take twice as long.
     count = max(a.count, b.count)
     pairs = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), _padded(a, count), _padded(b, count))
     turned = jax.tree_util.tree_map(lambda x: x[::-1], pairs)
@@ -56,7 +56,7 @@ def _both(a: BezierSegments, b: BezierSegments, capacity: int) -> CriticalPairs:
     order = jnp.argsort(-value)[:capacity]
     kept = value[order]
     valid = kept > -jnp.inf
-    # Entries that hold nothing are the first one once more, so that no derivative meets an empty system.
+    # Unused entries repeat the first one, so that no derivative meets an empty system.
     order = jnp.where(valid, order, order[0])
     full = jnp.sum(value > -jnp.inf) > capacity
     result = result_where(full, RESULTS.capacity_reached, RESULTS.successful)
@@ -65,7 +65,7 @@ def _both(a: BezierSegments, b: BezierSegments, capacity: int) -> CriticalPairs:
 
 
 def _padded(curve: BezierSegments, count: int) -> BezierSegments:
-    """The curve with its last segment repeated."""
+    """Return the curve padded by repeating its last segment."""
     index = np.minimum(np.arange(count), curve.count - 1)
     return jax.tree_util.tree_map(lambda x: jnp.asarray(x)[index], curve)
 
@@ -77,9 +77,9 @@ def _of_other_direction(found: tuple[Array, Witness]) -> tuple[Array, Witness]:
 
 
 def _repeats(there: tuple[Array, Witness], back: tuple[Array, Witness]) -> Array:
-    """Which maxima of one direction are pairs of the other: one foot, the same places, and the same of them held.
+    """Return a mask of the maxima of one direction that are pairs of the other: equal points, held in the same way.
 
-    An end whose foot is near the other curve's end, and that other end with the first for its foot, are two maxima.
+    An end with a foot near an end of the other curve, and that end with the first end as its foot, are two maxima.
     """
     (first, w), (_, v) = there, back
 

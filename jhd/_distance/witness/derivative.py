@@ -62,7 +62,7 @@ class _Rows(NamedTuple):
 
 
 class _Touched(NamedTuple):
-    """The rows of a curve at the segment of a witness and at the segments of both feet, whichever of them lie on it."""
+    """Rows of a curve at the segments of a witness and of both feet, for those of them that lie on it."""
 
     carrier: _Rows
     feet: _Rows
@@ -74,7 +74,7 @@ class WitnessState(NamedTuple):
     Args:
         y: parameters of the witness and of both feet.
         pulls: unit vectors from the feet to the witness, times the multipliers.
-        held: which of the parameters are held.
+        held: mask of the held parameters.
         two: whether both feet count.
     """
 
@@ -85,13 +85,13 @@ class WitnessState(NamedTuple):
 
     @classmethod
     def like(cls, dtype: Any, dim: int, *batch: int) -> "WitnessState":
-        """Shapes and types of a state, or of so many."""
+        """Return shapes and types of a state, or of a batch of states."""
         form: Any = lambda kind, *shape: jax.ShapeDtypeStruct((*batch, *shape), kind)  # noqa: E731
         return cls(form(dtype, 3), form(dtype, 2, dim), form(bool, 3), form(bool))
 
 
 def state_of(witness: Witness, a: BezierSegments, b: BezierSegments) -> WitnessState:
-    """The state of a witness on a, both curves in common coordinates."""
+    """Return the state of a witness on a, both curves in common coordinates."""
     first, second = witness.feet_elements
     return _state((piece_of(a, witness.element), piece_of(b, first), piece_of(b, second)), witness)
 
@@ -101,22 +101,22 @@ def with_derivatives(
 ) -> Any:
     """The solution and its directions, with values and witnesses differentiable in both curves.
 
-    All lengths and places are in the user's coordinates.
+    All lengths and points are in the user's coordinates.
 
     Args:
-        solution: what was found.
-        a: the one curve.
-        b: the other one.
-        frame: of the common coordinates.
-        states: of the witnesses if they are known, by whether the direction is that from b to a.
+        solution: the result of the search.
+        a: the first curve.
+        b: the second curve.
+        frame: frame of the common coordinates.
+        states: states of the witnesses if known, with keys False (from a to b) and True (from b to a).
     """
     if not is_traced(a, b):
         return solution
     solution = on_device(solution)
     numbers = tuple((s.value, s.witness) for s in (solution, *(solution.directions or ())))
-    # Of explicitly sharded arrays JAX loses the mesh where one of two is chosen (0.12.0.1).
+    # If one of two explicitly sharded arrays is chosen, JAX loses the mesh (0.12.0.1).
     if not states or is_partitioned((a, b)):
-        # Whatever is asked for: all in one, as each call under a derivative costs a millisecond.
+        # Everything at once, even if not needed: each call under a derivative costs a millisecond.
         return with_answers(solution, _found(numbers, a, b, frame))
     if solution.directions is None:
         own = tuple(states.values())
@@ -124,12 +124,12 @@ def with_derivatives(
     others = states[False], states[True]
     turned = solution.direction == DIRECTIONS.b_to_a
     own = (jax.tree_util.tree_map(lambda x, y: jnp.where(turned, y, x), *others),)
-    # Apart, since the directions are seldom asked for, and only what is asked for is compiled.
+    # Separately, since the directions are seldom needed, and only needed outputs are compiled.
     return with_answers(solution, (*_found(numbers[:1], a, b, frame, own), *_found(numbers[1:], a, b, frame, others)))
 
 
 def moving(value: Array, witness: Witness, a: BezierSegments, b: BezierSegments, frame: Frame) -> tuple[Array, Witness]:
-    """A distance and its witness, the same numbers, as functions of both curves; in the user's coordinates."""
+    """Return a distance and its witness, unchanged, as functions of both curves; in the user's coordinates."""
     value, *places = _found(((value, witness),), a, b, frame)[0]
     return value, replace(witness, **dict(zip(_Answer._fields[1:], places, strict=True)))
 
@@ -137,7 +137,7 @@ def moving(value: Array, witness: Witness, a: BezierSegments, b: BezierSegments,
 def _found(
     given: tuple[tuple[Array, Witness], ...], a: BezierSegments, b: BezierSegments, frame: Frame, states: Any = None
 ) -> tuple[_Answer, ...]:
-    """The answers as functions of both curves; the states of their witnesses may be known."""
+    """Return the answers as functions of both curves; the states of their witnesses may be known."""
     answers = tuple(_Answer(value, w.t, w.point, w.feet, w.feet_params) for value, w in given)
     parts = tuple(
         tuple(_Touched(_rows(curve, w.element), _rows(curve, w.feet_elements)) for curve in (a, b)) for _, w in given
@@ -153,20 +153,20 @@ def _rows(curve: BezierSegments, segments: Array) -> _Rows:
 def _moving(
     rows: tuple[tuple[_Touched, _Touched], ...], constants: tuple[tuple[Witness, ...], Frame, Any]
 ) -> MovingNumbers:
-    """The answers as functions of the rows that they touch."""
+    """Return the answers as functions of the rows that they depend on."""
     witnesses, frame, states = constants
     given: Any = (rows, witnesses) if states is None else (rows, witnesses, states)
     one: Any = partial(_answer, frame)
     if len(rows) == 1:
         return MovingNumbers(*((x,) for x in one(*(each[0] for each in given))))
-    # Side by side: one after the other would take as many times as long to compile.
+    # In one batch: one after the other would take as many times as long to compile.
     found = jax.vmap(one)(*(jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each) for each in given))
     each = [jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(len(rows))]
     return MovingNumbers(*zip(*each, strict=True))
 
 
 def _pieces(rows: tuple[_Touched, _Touched], turned: Array, frame: Frame) -> active.Pieces:
-    """The segments of the witness and of its feet, of one degree and in common coordinates."""
+    """Return the segments of the witness and of its feet, of one degree and in common coordinates."""
     each = [part for curve in rows for part in curve]
     degree = max(part.points.shape[-2] for part in each) - 1
     rational = any(part.weights is not None for part in each)
@@ -180,7 +180,7 @@ def _pieces(rows: tuple[_Touched, _Touched], turned: Array, frame: Frame) -> act
 
 
 def projection_with_derivatives(found: Projection, queries: Array, curve: BezierSegments) -> Projection:
-    """Nearest points, their distances and parameters differentiable in the queries and in the curve."""
+    """Return nearest points, distances and parameters, differentiable in the queries and in the curve."""
     if not is_traced(queries, curve):
         return found
     known = _FootNumbers(found.distance, found.foot, found.t)
@@ -190,7 +190,7 @@ def projection_with_derivatives(found: Projection, queries: Array, curve: Bezier
 
 
 def stationary_with_derivatives(found: StationaryPoints, queries: Array, curve: BezierSegments) -> StationaryPoints:
-    """Stationary points, their distances and parameters differentiable in the queries and in the curve."""
+    """Return stationary points, distances and parameters, differentiable in queries and curve."""
     if not is_traced(queries, curve):
         return found
     rows = jnp.broadcast_to(queries[..., None, :], (*found.t.shape, curve.dim))
@@ -200,7 +200,7 @@ def stationary_with_derivatives(found: StationaryPoints, queries: Array, curve: 
 
 
 class _FootNumbers(NamedTuple):
-    """What of a projection is differentiable."""
+    """The differentiable fields of a projection."""
 
     distance: Array
     foot: Array
@@ -208,7 +208,7 @@ class _FootNumbers(NamedTuple):
 
 
 def _moving_feet(known: _FootNumbers, numbers: Any, segment: Array) -> _FootNumbers:
-    """Known feet, with the derivatives of `_feet` in queries, control points and weights."""
+    """Return known feet, with the derivatives of `_feet` in queries, control points and weights."""
     return _bound_feet(*bound((known, numbers, segment)))
 
 
@@ -232,7 +232,7 @@ def _moving_feet_rule(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
     here, change = jax.jvp(feet, ([leaves[k] for k in where],), ([moves[k] for k in where],))
     usable = jax.tree_util.tree_map(lambda x, y: jnp.isfinite(x - y), known, here)
     usable = usable._replace(distance=usable.distance & (known.distance > 0))
-    # Further derivatives are those of the numbers as functions, too.
+    # Further derivatives are derivatives of these numbers as functions, too.
     again = _moving_feet(known, numbers, segment) if is_traced(numbers) else known
     return again, jax.tree_util.tree_map(lambda x, good: jnp.where(good, x, 0.0), change, usable)
 
@@ -242,7 +242,7 @@ _bound_feet.defjvp(_moving_feet_rule, symbolic_zeros=True)
 
 @compiled
 def _feet(t: Array, segment: Array, queries: Array, control_points: Array, weights: Array | None) -> _FootNumbers:
-    """Distances, feet and parameters as functions of the queries and the curve."""
+    """Return distances, feet and parameters as functions of the queries and the curve."""
     exponent = common_exponent(*jax.lax.stop_gradient((queries, control_points)))
     scale, degree = scale_of(exponent, queries.dtype), control_points.shape[1] - 1
 
@@ -263,7 +263,7 @@ def _feet(t: Array, segment: Array, queries: Array, control_points: Array, weigh
 
 
 def _distance_at(state: tuple[Array, Array], shapes: tuple[Array, Piece]) -> Array:
-    """The distance of a point from a piece at a parameter, and whether that is held."""
+    """Return the distance of a point from a piece at a parameter, and whether the parameter is held."""
     (s, held), (point, piece) = state, shapes
     b = jet(*piece, s)
     c = point - b.point
@@ -271,7 +271,7 @@ def _distance_at(state: tuple[Array, Array], shapes: tuple[Array, Piece]) -> Arr
 
 
 def _piece(points: Array, weights: Array | None, degree: int, rational: bool) -> Piece:
-    """One segment, written in this degree."""
+    """Return one segment, elevated to this degree."""
     if not rational:
         return Piece(_raised(points, degree), None)
     own: Any = jnp.ones(points.shape[:-1], points.dtype) if weights is None else unit_weights(weights)
@@ -285,14 +285,14 @@ def _raised(rows: Array, degree: int) -> Array:
     if degree == rows.shape[0] - 1:
         return rows
     raising = jnp.asarray(elevation_matrix(rows.shape[0] - 1, degree), rows.dtype)
-    # Sums keep the batch axis of vmap in front, where a matrix product may move it; see jhd._distance.witness.active.
+    # Sums keep the batch axis of vmap in front; a matrix product may move it, see jhd._distance.witness.active.
     return jnp.sum(raising[:, :, None] * rows, axis=1)
 
 
 def _answer(
     frame: Frame, rows: tuple[_Touched, _Touched], w: Witness, known: WitnessState | None = None
 ) -> tuple[_Answer, Array]:
-    """An answer by the active system of its witness, and where it has derivatives."""
+    """Return an answer by the active system of its witness, and whether it has derivatives."""
     pieces = _pieces(rows, w.direction == DIRECTIONS.b_to_a, frame)
     state = _state(pieces, w) if known is None else WitnessState(*_known_state(known[:2], pieces, w), *known[2:])
     y, two = state.y, state.two
@@ -307,7 +307,7 @@ def _answer(
 
 
 def _state(pieces: active.Pieces, w: Witness) -> WitnessState:
-    """The state of a witness, from the numbers found."""
+    """Return the state of a witness, from the numbers found."""
     start, still = jnp.append(w.t, w.feet_params), jax.lax.stop_gradient(pieces)
     _, _, _, held, two = active.active(*still, start, w.event, w.multipliers)
     y = active.solution(start, pieces, held, two)
@@ -317,7 +317,7 @@ def _state(pieces: active.Pieces, w: Witness) -> WitnessState:
 
 @jax.custom_jvp
 def _known_state(known: tuple[Array, Array], pieces: active.Pieces, w: Witness) -> tuple[Array, Array]:
-    """Known parameters and pulls; they move as those of `_state` do, which is computed if that is asked for."""
+    """Return known parameters and pulls, which move like the results of `_state`, computed only if needed."""
     return known
 
 
@@ -328,7 +328,7 @@ def _(primals: Any, tangents: Any) -> Any:
 
 
 def _value(state: tuple[Array, Array], pieces: active.Pieces) -> Array:
-    """The distance at fixed parameters, multipliers and directions to the feet."""
+    """Return the distance at fixed parameters, multipliers and directions to the feet."""
     y, pulls = state
     point, feet = active.places(y, pieces)
     return jnp.sum(pulls * (point - feet))

@@ -14,17 +14,17 @@ from jhd._shapes.curve import BezierSegments
 # Tangents that differ by more than this angle (radians) make a joint a corner: joints that are smooth by construction
 # are off by the rounding of control points, divided by the length of the first leg.
 _CORNER = 1e-6
-# Where a segment stands still the chord to a point this far inside stands in.
+# If a segment stands still, the chord to a point this far inside replaces the tangent.
 _INSIDE = 1e-4
 
 
 class Around(NamedTuple):
-    """Whether a place is a free end, whether it is a corner, and the unit vectors that lead from it along the curve.
+    """The directions of a curve at a point: whether it is a free end or a corner, and unit vectors along the curve.
 
     Args:
         end: the curve begins or ends there.
-        corner: a joint where the tangent jumps.
-        into: (2, dim) unit vectors; zero where there is no second one, and where the curve stands still.
+        corner: a joint at which the tangent jumps.
+        into: (2, dim) unit vectors from the point along the curve; zero if missing or if the curve stands still.
     """
 
     end: Array
@@ -33,9 +33,9 @@ class Around(NamedTuple):
 
 
 def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:
-    """What a place of a curve is, with `before` as of `preceding(curve.next_segment)`.
+    """Return the kind of a point of a curve and its directions; `before` is `preceding(curve.next_segment)`.
 
-    A joint without a corner is a place like any other, and so is the seam of a closed curve.
+    A joint without a corner is an ordinary point, and so is the seam of a closed curve.
     """
     segment, t = at
     first, last = t <= 0, t >= 1
@@ -52,7 +52,7 @@ def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:
 
 
 def _tangent(curve: BezierSegments, segment: Array, t: Array) -> Array:
-    """Unit tangent of a segment; at an end with zero speed that of the chord to a point a little inside."""
+    """Return the unit tangent of a segment; at an end with zero speed, the chord to a point a little inside."""
     piece = piece_of(curve, segment)
     here = jet(*piece, t)
     inside = jet(*piece, jnp.clip(t, _INSIDE, 1 - _INSIDE)).point - here.point

@@ -23,32 +23,32 @@ from jhd._results.solution import DIRECTIONS, EVENTS, Witness
 from jhd._runtime.arrays import varying
 from jhd._shapes.curve import BezierSegments
 
-# Distances, in common coordinates, whose difference is no more than this are equal: refined maxima reach 1e-12.
+# Distances, in common coordinates, that differ by at most this are equal: refined maxima reach 1e-12.
 _TIE = 1e-9
 # Distances below this, in common coordinates, are zero: points of curves are evaluated to a hundred roundings.
 ZERO = 3e-14
-# Feet no farther apart than this are one, and so are those no farther apart than the second many times what rounding
-# leaves open of each, up to the third: two feet of one maximum merge only at a center of curvature, where the places of
-# both are known to a small share of the size, and so are all directions between them.
+# Feet no farther apart than this are one; so are feet no farther apart than the second number times the uncertainty of
+# each by rounding, up to the third. Two feet of one maximum merge only at a center of curvature. There both feet are
+# known only to a small fraction of the size, and so are all directions between them.
 _SAME_FOOT, _UNCERTAIN, _MERGED = 1e-6, 16, 1e-3
-# By how much the gap may be too small, and the farthest that a place may be from its maximum.
+# Factor by which the gap may be too small, and the largest distance of a point from its maximum.
 OPEN, _FARTHEST = 4, 1.0
-# Starts of Newton's method on each segment when the feet of a witness are gathered; of more segments than curves
-# are usually padded to those with the smallest lower bounds are searched.
+# Starts of Newton's method on each segment when the feet of a witness are gathered. If there are more segments than
+# curves are usually padded to, only the segments with the smallest lower bounds are searched.
 _STARTS, _SEARCHED = 8, 48
-# Steps of Newton's method, which end where none is longer: next to a center of curvature each gains a third only.
+# Most Newton steps; they end when none is longer than this: next to a center of curvature each gains a third.
 _NEWTON_STEPS, _SETTLED = 48, 1e-9
 
 
 @jax.jit
 def event_residual(y: Float[Array, "3"], args: tuple[Piece, Branch, Branch, Array]) -> Float[Array, "3"]:
-    """Residual of both refined events at y = (t, s, r), so that one solver serves them.
+    """Return the residual of both refined events at y = (t, s, r), so that one solver serves them.
 
     One-to-two: |A - B(s)|^2 = |A - B(r)|^2 with both feet stationary (Cao14, equation 13). Antipodal: (A - B(s)).A' = 0
     with the foot stationary (Cao14, equation 12), and r pinned to its start.
 
     Args:
-        y: the parameter of a and those of the two feet.
+        y: the parameter of a and the parameters of the two feet.
         args: the piece of a, the two branches, and whether the event is one-to-two.
     """
     piece, first, second, two = args
@@ -70,19 +70,19 @@ def _foot_residual(stationarity: Array, s: Array, branch: Branch) -> Array:
 
 
 class Described(NamedTuple):
-    """A place of a with the local feet of it on b: what is known before some of them are chosen.
+    """A point of a with its local feet on b, before some of them are chosen.
 
     Args:
-        at: the place.
-        around: how a leaves it.
-        point: the point there.
-        feet: of b, (feet, dim).
-        segments: of the feet.
-        params: of the feet.
+        at: segment and parameter of the point.
+        around: the directions in which a leaves it.
+        point: the point.
+        feet: local feet on b, (feet, dim).
+        segments: segments of the feet.
+        params: parameters of the feet.
         held: whether a foot is held at an end or corner.
-        uncertainty: how far rounding leaves each foot from its place.
-        distances: to the feet; inf where there is no foot.
-        slopes: of the distances along the directions in which a leaves the place, (feet, 2).
+        uncertainty: bound on the displacement of each foot by rounding.
+        distances: distances to the feet; inf if there is no foot.
+        slopes: slopes of the distances along the directions in which a leaves the point, (feet, 2).
     """
 
     at: CurvePlace
@@ -98,25 +98,25 @@ class Described(NamedTuple):
 
     @property
     def nearest(self) -> CurvePlace:
-        """The nearest of the feet."""
+        """The nearest foot."""
         k = jnp.argmin(self.distances)
         return CurvePlace(self.segments[k], self.params[k])
 
     def reach(self, gap: Array) -> Array:
-        """How far along a the maximum can be, where the bounds of the distance are apart by `gap`.
+        """Bound how far along a the maximum can be, if the bounds of the distance are apart by `gap`.
 
-        The distance to the nearest foot rises towards it, and no more than the gap.
+        The distance to the nearest foot rises towards the maximum, by at most the gap.
         """
         steep = jnp.max(self.slopes[jnp.argmin(self.distances)])
         reach = jnp.where(steep > 0, OPEN * gap / jnp.where(steep > 0, steep, 1.0), 0.0)
         return jnp.minimum(reach, _FARTHEST)
 
     def witness(self, reach: Array | float = 0.0) -> Witness:
-        """The witness, with the feet that count if the maximum is no farther along a than `reach`.
+        """Return the witness, with the feet that count if the maximum is no farther along a than `reach`.
 
-        They are those that balance there to first order. One or two count, as jhd._distance.witness.multipliers has it:
-        two inside of a, where the maximum is then one-to-two, if they pull the distance opposite ways along a; two at
-        an end or corner if the nearest one alone would make the maximum leave it. The first foot in the order of
+        The feet that balance to first order count, one or two (jhd._distance.witness.multipliers). Inside of a, two
+        feet count if they pull the distance opposite ways along a; the maximum is then one-to-two. At an end or corner,
+        two feet count if the nearest foot alone would make the maximum leave it. The first foot in the order of
         segments and parameters is named first.
         """
         nearest = jnp.argmin(self.distances)
@@ -153,15 +153,15 @@ class Described(NamedTuple):
 
 
 def describe(a: BezierSegments, b: BezierSegments, at: CurvePlace, foot: CurvePlace) -> Described:
-    """The place (segment, t) of a with its local feet on b, from where a witness is chosen.
+    """Return the point (segment, t) of a with its local feet on b, from which a witness is chosen.
 
     A local foot counts if it solves its equation, or is held at an end.
 
     Args:
         a: the curve that carries the maximum.
-        b: the other one.
-        at: the place of the maximum on a.
-        foot: its nearest point on b, as proven; it stands in where the local feet miss it, as at a cusp.
+        b: the curve that carries the feet.
+        at: segment and parameter of the maximum on a.
+        foot: its proven nearest point on b; it is used if the local feet miss it, as at a cusp.
     """
     here = jet(*piece_of(a, at.segment), at.t)
     segments, params, equations = _local_feet(here.point, b, foot)
@@ -184,7 +184,7 @@ def describe(a: BezierSegments, b: BezierSegments, at: CurvePlace, foot: CurvePl
 
 
 def _local_feet(point: Array, b: BezierSegments, foot: CurvePlace) -> tuple[Array, Array, FootEquation]:
-    """Local feet from several starts on each of the nearest segments, and from a known one, which follows as it is.
+    """Return local feet from several starts on each of the nearest segments, and, last, a known foot unchanged.
 
     Returns:
         Their segments and parameters, and the equation of each foot there.
@@ -207,7 +207,7 @@ def _local_feet(point: Array, b: BezierSegments, foot: CurvePlace) -> tuple[Arra
     def moves(state: tuple[Array, FootEquation, Array, Array]) -> Array:
         return (state[2] > _SETTLED) & (state[3] <= _NEWTON_STEPS) | (state[3] < 2)
 
-    # The first step stays where it is, so that the equation is evaluated at one place of the program.
+    # The first step does not move, so that the compiled function evaluates the equation only once.
     zeros, rows = jnp.zeros_like(starts), jnp.zeros((starts.size, b.dim), starts.dtype)
     begin = starts, FootEquation(rows, rows, zeros, zeros + 1, zeros), zeros[0], jnp.array(0)
     params, equations, _, _ = jax.lax.while_loop(moves, step, varying(begin, point, b))

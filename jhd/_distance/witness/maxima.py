@@ -27,24 +27,24 @@ from jhd._shapes.curve import BezierSegments
 _SAMPLES, _LEAST, _MOST = 1024, 12, 256
 # Samples of each segment of the other curve for the first feet.
 _SEEDS = 12
-# Samples whose nearest points are looked for side by side.
+# Samples whose nearest points are searched in one batch.
 _CHUNK = 32
 # Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed.
 _FOLLOW = 7
 # Bisections of an interval between two samples; Newton steps after them.
 _BISECTIONS, _POLISH = 16, 5
-# Rounds of refinement: an interval whose foot was not the nearest starts again with the one that is.
+# Rounds of refinement: an interval whose foot was not the nearest starts again with the nearest foot.
 _ROUNDS = 3
-# Two feet are one where they are nearer than this share of the distance, or than one foot can have moved in a cell.
+# Two feet are one if they are nearer than this fraction of the distance, or than one foot can have moved in a cell.
 _ONE_FOOT, _MOVED = 1e-3, 64.0
-# A foot is the nearest when none is nearer by this share, or this length in the common coordinates.
+# A foot is the nearest if no foot is nearer by this fraction, or this length in the common coordinates.
 NEARER, ROUNDED = 1e-9, 1e-13
-# A maximum of two feet this near to an end of its segment is at the end, which the tie determines to rounding.
+# A maximum of two feet this near to an end of its segment is at the end: the tie determines it only to rounding.
 _AT_END = 1e-12
 
 
 class _CriticalPair(NamedTuple):
-    """Two curves in one direction, what precedes each segment of both, and samples of b for the first feet."""
+    """Two curves in one direction, the preceding segments of both, and samples of b for the first feet."""
 
     a: BezierSegments
     b: BezierSegments
@@ -65,7 +65,7 @@ class _Foot(NamedTuple):
 
 
 class _CriticalCell(NamedTuple):
-    """An interval of a segment of a that may hold a maximum, or an end of it, with places of b where feet may be."""
+    """An interval of a segment of a that may hold a maximum, or an end, with points of b at which feet may be."""
 
     segment: Array
     t0: Array
@@ -78,7 +78,7 @@ class _CriticalCell(NamedTuple):
 class _FoundMaximum(NamedTuple):
     value: Array
     witness: Witness
-    wrong: Array  # whether another foot is nearer, or what was followed is none
+    wrong: Array  # whether another foot is nearer, or a followed point is no foot
     nearest: CurvePlace
 
 
@@ -89,7 +89,7 @@ class _Rounds(NamedTuple):
 
 
 def local_maxima(a: BezierSegments, b: BezierSegments, lanes: int) -> tuple[Array, Witness]:
-    """Local maxima along a of the distance to b: values, -inf where there is none, and witnesses."""
+    """Return local maxima along a of the distance to b: values, -inf if there is none, and witnesses."""
     pair = _prepared(a, b)
     keys, cells, top = _proposed(pair, lanes)
 
@@ -104,14 +104,14 @@ def local_maxima(a: BezierSegments, b: BezierSegments, lanes: int) -> tuple[Arra
     start = _Rounds(cells, blank._replace(wrong=jnp.ones_like(blank.wrong)), jnp.array(0))
     found = jax.lax.while_loop(again, round_, varying(start, pair)).found
     value = jnp.where(found.wrong | (keys == -jnp.inf), -jnp.inf, found.value)
-    # The last lane holds the largest sample. It counts where it exceeds all maxima: along a flat stretch.
+    # The last lane holds the largest sample. It counts if it exceeds all maxima, as along a flat stretch.
     spare = (jnp.arange(lanes + 1) == lanes) & (jnp.max(value[:-1]) >= top * (1 - NEARER) - ROUNDED)
     value = jnp.where(spare, -jnp.inf, value)
     return value, _at_ends(pair, found.witness, value > -jnp.inf)
 
 
 def _at_ends(pair: _CriticalPair, witness: Witness, valid: Array) -> Witness:
-    """The witnesses, those at ends and corners with all feet that are equally near and count."""
+    """Return the witnesses; at ends and corners with all feet that are equally near and count."""
     ends = valid & ((witness.event == EVENTS.a_end) | (witness.event == EVENTS.corner))
     (order,) = jnp.nonzero(ends, size=ends.size, fill_value=0)
 
@@ -134,7 +134,7 @@ def _prepared(a: BezierSegments, b: BezierSegments) -> _CriticalPair:
 
 
 def _seed(pair: _CriticalPair, points: Array) -> CurvePlace:
-    """The nearest sample of b of each of the points (points, dim); the index takes the place of the last bits."""
+    """Return the nearest sample of b for each of the points (points, dim); the index replaces the last bits."""
     count = pair.seeds.shape[0]
     last_bits = 2 ** (count - 1).bit_length() - 1
     offsets = [x[:, None] - y for x, y in zip(pair.seeds.T, points.T, strict=True)]
@@ -145,7 +145,7 @@ def _seed(pair: _CriticalPair, points: Array) -> CurvePlace:
 
 
 def _foot(pair: _CriticalPair, segment: Array, t: Array, starts: CurvePlace) -> _Foot:
-    """The nearest of the feet reached from the starts (starts,) of the point of a, and the slope there."""
+    """Return the nearest of the feet reached from the starts (starts,) of the point of a, and the slope there."""
     at = jet(*piece_of(pair.a, segment), t)
     feet = jax.vmap(lambda k, s: follow_foot(at.point, pair.b, pair.before_b, k, s, _FOLLOW))(*starts)
     squares = jnp.sum((feet.point - at.point) ** 2, axis=-1)
@@ -162,7 +162,7 @@ def _foot(pair: _CriticalPair, segment: Array, t: Array, starts: CurvePlace) -> 
 
 
 def _proposed(pair: _CriticalPair, lanes: int) -> tuple[Array, _CriticalCell, Array]:
-    """The most promising places of maxima, their keys (-inf where there is none), and the largest sample."""
+    """Return the most promising cells of maxima, their keys (-inf for none), and the largest sample."""
     a = pair.a
     steps = min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
     t = jnp.tile(jnp.linspace(0.0, 1.0, steps + 1, dtype=a.control_points.dtype), a.count)
@@ -170,7 +170,7 @@ def _proposed(pair: _CriticalPair, lanes: int) -> tuple[Array, _CriticalCell, Ar
     skip, skipped = (repeated(curve.control_points, curve.weights) for curve in (a, pair.b))
 
     def sampled(at: CurvePlace) -> _Foot:
-        # A foot that was followed from elsewhere can be a wrong one, and hide a wide maximum.
+        # A followed foot can be a wrong one, and hide a wide maximum.
         point = jet(*piece_of(a, at.segment), at.t).point
         enough = jnp.where(skip[at.segment], jnp.inf, 0.0)
         found = nearest(point, pair.b.control_points, pair.b.weights, enough, skipped)
@@ -180,7 +180,7 @@ def _proposed(pair: _CriticalPair, lanes: int) -> tuple[Array, _CriticalCell, Ar
     foot = jax.tree_util.tree_map(lambda x: x.reshape(a.count, steps + 1, *x.shape[1:]), foot)
     slope, distance = foot.slope, foot.distance
     skip = skip[:, None]
-    # Where the curves meet the distance rises on both sides and has no slope.
+    # At points at which the curves meet, the distance rises on both sides and has no slope.
     met = distance <= ZERO
     rises = (slope[:, :-1] > 0) | met[:, :-1] & ~met[:, 1:]
     inside = rises & ((slope[:, 1:] <= 0) | met[:, 1:] & ~met[:, :-1])
@@ -210,7 +210,7 @@ def _starts(*places: CurvePlace) -> CurvePlace:
 
 
 def _refined(pair: _CriticalPair, cells: _CriticalCell) -> _FoundMaximum:
-    """The maximum in each cell."""
+    """Return the maximum in each cell."""
 
     def foot(t: Array, left: CurvePlace, right: CurvePlace) -> _Foot:
         points = jax.vmap(lambda k, u: jet(*piece_of(pair.a, k), u).point)(cells.segment, t)
@@ -238,7 +238,7 @@ def _refined(pair: _CriticalPair, cells: _CriticalCell) -> _FoundMaximum:
 
 
 def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, held: Array) -> _FoundMaximum:
-    """The polished maximum of a cell that has been halved often enough."""
+    """Return the polished maximum of a cell that has been halved often enough."""
     a, b = pair.a, pair.b
     piece = piece_of(a, cell.segment)
     speed = jnp.sqrt(jnp.sum(jet(*piece, t).first ** 2))
@@ -263,7 +263,7 @@ def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, 
     system = active.active(piece, piece_of(b, first.segment), piece_of(b, second.segment), y, event, one)
     event = EVENTS.where((event == EVENTS.antipodal) & system.held[1], EVENTS.b_end, event)
     new = jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(active.newton(x, system), 0.0, 1.0), varying(y, system))
-    # The maximum lies in the cell; where Newton's method leaves it the middle is kept.
+    # The maximum lies in the cell; if Newton's method leaves the cell, the middle is kept.
     stays = jnp.abs(new[0] - t) <= 4 * (cell.t1 - cell.t0)
     y = jnp.where(stays, new, y)
     # Between the arms of b an end or corner can be a maximum that rises on one side, towards it, for either foot alone.
@@ -289,6 +289,6 @@ def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, 
 
 
 def _event(place: Around, held: Array, event: Any) -> Any:
-    """The event, that of an end or corner where the parameter is held there."""
+    """Return the event, which is an end or corner if the parameter is held there."""
     event = EVENTS.where(held & place.corner, EVENTS.corner, event)
     return EVENTS.where(held & place.end, EVENTS.a_end, event)

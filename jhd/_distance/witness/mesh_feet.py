@@ -20,7 +20,7 @@ from jhd._shapes.mesh import TriangleMesh
 
 
 def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) -> Projection:
-    """Nearest points of a mesh, differentiable in points and vertices, twice; see jhd.project.
+    """Return the nearest points of a mesh, differentiable in points and vertices, twice; see jhd.project.
 
     Args:
         points: queries (..., 3).
@@ -47,15 +47,15 @@ def _feet(queries: Array, corners: Array, active: Array) -> tuple[Array, Array, 
 def foot_on(
     point: Float[Array, "3"], corners: Float[Array, "corners 3"], active: Array
 ) -> tuple[Float[Array, ""], Float[Array, "3"], Float[Array, " corners"]]:
-    """Distance, foot and barycentric coordinates on the plane, line or point of the active corners.
+    """Return distance, foot and barycentric coordinates on the plane, line or point of the active corners.
 
-    A smooth function of point and corners where the distance is not zero. On a plane the distance is the product with
-    the normal, which keeps its digits where the point is close; at zero its derivative is that of one side.
+    The distance is a smooth function of point and corners unless it is zero. On a plane it is the product with the
+    normal, which keeps its digits if the point is close; at zero its derivative is one-sided.
 
     Args:
         point: the query.
-        corners: of a triangle.
-        active: which barycentric coordinates of the foot are positive; three of them for a face.
+        corners: corners of a triangle.
+        active: mask of the positive barycentric coordinates of the foot; three of them for a face.
     """
     offsets = lax.stop_gradient((point - corners, corners - corners[0]))
     scale = scale_of(common_exponent(*offsets), point.dtype)
@@ -69,7 +69,7 @@ def foot_on(
 
 
 def _on_plane(p: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
-    """Whether there is a plane; distance, foot and coordinates there. The first corner is the origin."""
+    """Return whether there is a plane; and distance, foot and coordinates there. The first corner is the origin."""
     u, v = corners[1], corners[2]
     normal = jnp.cross(u, v)
     square = jnp.sum(normal * normal)
@@ -83,7 +83,7 @@ def _on_plane(p: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _on_line(p: Array, corners: Array, first: Array, last: Array) -> tuple[Array, Array, Array]:
-    """Distance, foot and coordinates on the line through two corners, which may be one."""
+    """Return distance, foot and coordinates on the line through two corners, which may be equal."""
     a, side = corners[first], corners[last] - corners[first]
     square = jnp.sum(side * side)
     share = jnp.where(square > 0, jnp.sum((p - a) * side) / jnp.where(square > 0, square, 1.0), 0.0)

@@ -19,14 +19,15 @@ from jhd._results.solution import DIRECTIONS, EVENTS, Witness
 from jhd._runtime.arrays import array_of
 from jhd._triangles.closest_point import barycentric_of, nearest_triangles, pair_squares
 
-# Triangles are looked for around the point this far away, and count as nearest within this much; shares of the size.
+# Distance of the points around the point at which triangles are searched, and the margin within which they count as
+# nearest; fractions of the size.
 _RING, _EQUAL = 1e-6, 1e-8
 # In these directions: within the plane of a face, else all around, to the corners, edges and sides of a cube.
 _ANGLES = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 _CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
 # Barycentric coordinates below this put the point on an edge.
 _ON_EDGE = 1e-9
-# A triangle whose height is below this share of its side has no direction across that is known.
+# A triangle whose height is below this fraction of its side has no known direction across.
 _NEEDLE = 1e-12
 
 
@@ -34,7 +35,7 @@ class MeshFeet(NamedTuple):
     """The active feet of a point, one row each, the first repeated with multiplier zero.
 
     Args:
-        triangle: of b, as sorted in the tree.
+        triangle: triangle of b, as sorted in the tree.
         t: barycentric coordinates.
         multipliers: weights in the derivative.
         count: number of feet with positive multipliers.
@@ -47,14 +48,14 @@ class MeshFeet(NamedTuple):
 
 
 def active_feet(side: MeshSide, owner: int, weights: np.ndarray, nearest: int, gap: float) -> MeshFeet:
-    """The feet of a point of a that balance, in the unit of the tree.
+    """Return the feet of a point of a that balance, in the unit of the tree.
 
     Args:
         side: both meshes.
         owner: the triangle of a.
         weights: barycentric coordinates of the point.
         nearest: a nearest triangle of b.
-        gap: upper - lower, which the distances of active feet may differ by.
+        gap: upper - lower; the distances of active feet may differ by this.
     """
     corners = side.corners[owner].astype(np.float64)
     point, free = weights @ corners, weights > _ON_EDGE
@@ -76,16 +77,16 @@ def active_feet(side: MeshSide, owner: int, weights: np.ndarray, nearest: int, g
 
 
 def _corners_of(side: MeshSide, triangles: np.ndarray) -> np.ndarray:
-    """Corners of triangles of b, in the order of the mesh and the unit of the tree."""
+    """Return corners of triangles of b, in the order of the mesh and the unit of the tree."""
     return side.b_corners[side.tree.order[triangles]].astype(np.float64)
 
 
 def _into(side: MeshSide, owner: int, free: np.ndarray) -> np.ndarray:
-    """Unit vectors whose combinations are the directions into the triangles of a at a place of a triangle's corners.
+    """Return unit vectors whose combinations are the directions into the triangles of a at a point of a triangle.
 
-    On a face there are four of them, the first two orthogonal; on an edge those along it and across each triangle; at a
-    vertex both sides of each triangle and the vector between them, which a flat angle needs. Triangles meet where their
-    corners are the same numbers.
+    On a face there are four, the first two orthogonal; on an edge, vectors along it and across each triangle; at a
+    vertex, both sides of each triangle and the vector between them, which a flat angle needs. Triangles meet in equal
+    corners.
     """
     own = side.corners[owner][free]
     at = (side.corners[:, :, None] == own).all(axis=-1)
@@ -105,7 +106,7 @@ def _into(side: MeshSide, owner: int, free: np.ndarray) -> np.ndarray:
 
 
 def event_of(feet: MeshFeet, weights: np.ndarray, distance: float) -> Any:
-    """How the maximum arises: a vertex of a, several feet, an edge of a, or the feature of b that holds the foot."""
+    """Return the event of the maximum: a vertex of a, several feet, an edge of a, or the feature of the foot."""
     if distance <= 0:
         return EVENTS.coincident
     if np.count_nonzero(weights > _ON_EDGE) == 1:
@@ -118,7 +119,7 @@ def event_of(feet: MeshFeet, weights: np.ndarray, distance: float) -> Any:
 
 
 def witness_of(feet: MeshFeet, side: MeshSide, owner: int, weights: np.ndarray, distance: float) -> Witness:
-    """The witness in the user's unit, from a to b."""
+    """Return the witness in the user's unit, from a to b."""
     exponent, dtype = side.tree.exponent, side.corners.dtype
     point = np.ldexp(weights @ side.corners[owner].astype(np.float64), exponent)
     places = np.einsum("nk,nkd->nd", feet.t.astype(np.float64), _corners_of(side, feet.triangle))

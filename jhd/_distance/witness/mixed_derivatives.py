@@ -22,15 +22,15 @@ from jhd._shapes.mesh import TriangleMesh
 
 
 def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> HausdorffSolution:
-    """A distance from a to b, its value, point and feet differentiable in both, twice.
+    """Return a distance from a to b with value, point and feet differentiable in both shapes, twice.
 
-    Where several points are equally far, the derivative is that of the witness named: one of the generalized
+    If several points are equally far, the derivative belongs to the witness returned: it is one of the generalized
     derivatives of the maximum. At distance zero all derivatives are zero by convention.
 
     Args:
         solution: the distance. Its witness lies on a, or on either of two meshes or of two implicit surfaces.
         a: points, BezierSegments, BezierPatches, an ImplicitSurface or a TriangleMesh.
-        b: likewise.
+        b: a shape of these kinds.
     """
     if not is_traced(a, b):
         return solution
@@ -46,7 +46,7 @@ def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> Hausd
 
 
 def _from_either(rows: tuple[tuple[Any, Any], tuple[Any, Any]], constants: tuple[Array, Witness]) -> MovingNumbers:
-    """The distance from a to b or from b to a, as the witness says."""
+    """Return the numbers of the distance from a to b or from b to a, depending on the witness."""
     turned = constants[1].direction == DIRECTIONS.b_to_a
 
     def chosen(x: Array, y: Array) -> Array:
@@ -58,7 +58,7 @@ def _from_either(rows: tuple[tuple[Any, Any], tuple[Any, Any]], constants: tuple
 
 
 def _from_point(rows: tuple[PointRows, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
-    """The same from a point, whose distance and foot are those of its nearest point."""
+    """Return the numbers of `from_place` for a point: the distance and foot of its nearest point."""
     (carrier, target), (found, w) = finite((rows, constants))
     query = carrier.points[0]
     if isinstance(target, CornerRows):
@@ -79,12 +79,12 @@ def _from_point(rows: tuple[PointRows, Any], constants: tuple[Array, Witness]) -
 def with_pair_derivatives(
     solution: MinimumSolution, shapes: tuple[Any, ...], pieces: tuple[Any, Any], x: Any, distance: Any
 ) -> MinimumSolution:
-    """A minimum distance, its value differentiable in both shapes, twice, and the nearest points of two nets.
+    """Return a minimum distance with value and, for nets, nearest points differentiable in both shapes, twice.
 
     Args:
         solution: the distance.
         shapes: nets or implicit surfaces.
-        pieces: those that hold the nearest points.
+        pieces: the pieces that hold the nearest points.
         x: the coordinates of both points, one after the other.
         distance: the value in common coordinates, see jhd._distance.witness.balance.apart.
     """
@@ -98,7 +98,7 @@ def with_pair_derivatives(
 
 
 def _parts_of(shape: Any, index: Array) -> Any:
-    """The rows of a shape that one of its points, or several, hang on."""
+    """Return the rows of a shape that one or several of its points depend on."""
     if isinstance(shape, ImplicitSurface):
         return Polynomial(TouchedRows(shape.coefficients), *map(TouchedRows, shape.bounds))
     if isinstance(shape, TriangleMesh):

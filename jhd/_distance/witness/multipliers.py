@@ -15,9 +15,9 @@ or of convex cones, and each of them has its own condition. If these conditions 
 larger of one on each cone. With two feet, multipliers between them still give a derivative between the one-sided
 derivatives; with more feet, one of the generalized derivatives.
 
-Among the admissible multipliers, those that weight the nearest foot the most are taken. The derivative is then that of
-the nearest foot, or, also if the tie is not exact, that of the point inside of a at which two feet are equally near. If
-no multipliers are admissible, those of the least violation are taken.
+Among the admissible multipliers, the ones that weight the nearest foot the most are taken. The derivative then belongs
+to the nearest foot, or, also if the tie is not exact, to the point inside of a at which two feet are equally near. If
+no multipliers are admissible, the multipliers with the least violation are taken.
 
 Source: Danskin, The theory of max-min and its application to weapons allocation problems (1967); duality as in any
 text on linear programming.
@@ -36,20 +36,20 @@ from jhd._arithmetic.scaling import unit
 from jhd._distance.cells.surfaces import FEET
 from jhd._runtime.arrays import varying
 
-# Slopes of unit vectors along unit vectors below this are none: rounding of feet leaves 1e-12.
+# Slopes of unit vectors along unit vectors below this are zero: rounding of feet leaves 1e-12.
 _FLAT = 1e-11
-# What it costs, in units of a violation, to take the farthest of the feet that count as equally near for the nearest.
+# Penalty, in units of a violation, for replacing the nearest foot by the farthest foot that counts as equally near.
 _FARTHER = 1e-4
-# Multipliers that balance leave no more than this.
+# Multipliers that balance leave at most this residual.
 _UNBALANCED = 1e-4
-# Multipliers below this are none: the violation is no larger then.
+# Multipliers below this are zero: the violation is no larger then.
 _NONE = 1e-6
 
 
 def share(first: Float[Array, "*batch rays"], second: Float[Array, "*batch rays"]) -> Float[Array, "*batch"]:
-    """The largest multiplier of the first of two feet that no ray forbids, from the slopes of both along each ray.
+    """Return the largest multiplier of the first of two feet that no ray forbids, from the slopes along each ray.
 
-    Where one ray asks for more of the first foot than another one allows, the answer is what the other one allows.
+    If one ray requires more of the first foot than another one allows, the allowed multiplier is returned.
     """
     spread = first - second
     asked = (first > _FLAT) & (spread > 0)
@@ -63,17 +63,17 @@ def two_of(
     nearest: Int[Array, ""],
     excess: Float[Array, " feet"] | float = 0.0,
 ) -> tuple[Int[Array, "2"], Float[Array, ""]]:
-    """Two of many feet that are admissible together, the nearest among them if it can be, and the first one's share.
+    """Return two feet that are admissible together, with the nearest if possible, and the multiplier of the first.
 
-    Along two rays two feet always do: the combinations that two inequalities allow, if there are any, meet the border
-    of each face of the simplex. They are the two at the maximum over m in [0, 1] of min_k of (1 - m) f_k + m g_k, the
-    slopes along both rays, which is concave in m.
+    For two rays two feet suffice: the combinations that two inequalities allow, if there are any, meet the border of
+    each face of the simplex. They are the feet at the maximum over m in [0, 1] of min_k of (1 - m) f_k + m g_k, with
+    the slopes f and g along the rays, which is concave in m.
 
     Args:
-        slopes: of the distances to the feet along both rays.
-        active: which feet count.
+        slopes: slopes of the distances to the feet along both rays.
+        active: mask of the feet that count.
         nearest: the nearest foot.
-        excess: by how much each is farther than that, as a share of how far along the rays the maximum can be.
+        excess: by how much each foot is farther, as a fraction of how far along the rays the maximum can be.
     """
     f, g = slopes.T + excess
     left, right = (jnp.argmin(jnp.where(active, x, jnp.inf)) for x in (f, g))
@@ -105,7 +105,7 @@ def balanced_feet(
     limits: tuple[float, float],
     rays: Sequence[Float[np.ndarray, "_ 3"]],
 ) -> tuple[Any, Any]:
-    """The rows (FEET,) of the feet that are about nearest to a point and balance there, and their multipliers.
+    """Return the rows (FEET,) of the feet that are nearest to a point and balance there, and their multipliers.
 
     Unused rows repeat the first one, with multiplier zero.
 
@@ -133,14 +133,14 @@ def balanced_feet(
 def balanced(
     units: Float[np.ndarray, "feet 3"], rays: Float[np.ndarray, "rays 3"], excess: Float[np.ndarray, " feet"]
 ) -> Any:
-    """The multipliers of any number of feet in space, at most four of them positive, of least violation.
+    """Return the multipliers of any number of feet in space, at most four positive, of least violation.
 
     They minimize |max(sum l_k u_k.e_r, 0)|, as least squares with one more unknown for each ray that may fall.
 
     Args:
-        units: from the feet to the point.
-        rays: whose combinations are the directions into a.
-        excess: by how much each foot is farther than the nearest, as a share of what counts as equally near.
+        units: unit vectors from the feet to the point.
+        rays: vectors whose combinations are the directions into a.
+        excess: by how much each foot is farther than the nearest, as a fraction of the margin of equally near feet.
     """
     feet, count = len(units), len(rays)
     rows = np.zeros((count + feet + 1, feet + count))
@@ -150,7 +150,7 @@ def balanced(
     found = non_negative(rows, np.append(np.zeros(count + feet), 1.0))[:feet]
     found = _of_sum_one(found)
     if np.count_nonzero(found) > FEET:
-        # Four vectors in space have every combination that more of them have.
+        # Four vectors in space give every combination that more vectors give.
         used = np.flatnonzero(found)
         pull = np.append(found @ units, 1.0)
         found[used] = _of_sum_one(non_negative(np.vstack([units[used].T, np.ones(len(used))]), pull))
@@ -158,6 +158,6 @@ def balanced(
 
 
 def _of_sum_one(found: Float[np.ndarray, " feet"]) -> Any:
-    """Multipliers as shares of their sum; all of it is the first foot's where there are none."""
+    """Return multipliers divided by their sum; the first foot gets one if all are zero."""
     total = found.sum()
     return found / total if total > 0 else np.eye(len(found))[0]

@@ -1,4 +1,4 @@
-"""The nearest pair of points of two parametric shapes: made sharp, and as a function of both."""
+"""The nearest pair of points of two parametric shapes: refined to full precision, and as a function of both shapes."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
 
 def polished(a: Net, b: Net, best: BestPair) -> BestPair:
-    """The nearest pair moved to where the distance is stationary, parameters at a border held; else as it was."""
+    """Return the nearest pair moved to a stationary distance, with parameters at a border held; else unchanged."""
     n = a.parameters
     pieces = a.piece(best.piece_a), b.piece(best.piece_b)
     held = _held(*pieces, best.x)
@@ -41,16 +41,16 @@ def _jets(a: Net, b: Net, x: Array) -> tuple[NetJet, NetJet]:
 
 
 def _held(a: Net, b: Net, x: Array) -> Array:
-    """Which parameters are kept at the border of their piece by the slope of the distance."""
+    """Return a mask of the parameters that the slope of the distance keeps at the border of their piece."""
     p, q = _jets(a, b, x)
     e, slope = derivatives(p, q)[:2]
     return presses(x, slope, length(e) * jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1))
 
 
 def from_nets(rows: tuple[NetRows, NetRows], constants: tuple[MinimumSolution, Array, Array]) -> MovingNumbers:
-    """Distance and nearest points of two nets as functions of both pieces; see jhd._distance.witness.balance.from_pair.
+    """Return distance and nearest points of two nets as functions of both pieces; see `balance.from_pair`.
 
-    Parameters alone are unknown, so two steps of Newton's method carry the second derivatives, and those of the points.
+    Only parameters are unknown, so two steps of Newton's method carry the second derivatives, also of the points.
     """
     rows, (solution, x, distance) = finite((rows, constants))
     scale, rows = in_one_unit(rows, solution.value)

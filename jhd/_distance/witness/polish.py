@@ -1,9 +1,9 @@
-"""The maximum of the distance from one implicit surface in a box to another one, near a candidate.
+"""The maximum of the distance from one implicit surface in a box to another surface, near a candidate.
 
 A box cuts its surface, so an extremum may lie on a face, an edge or a corner of the box. The faces that hold it are a
 part of the solution: a face holds a coordinate while the sign of its multiplier says so and releases it otherwise, also
 if the surface only touches the face. The result is a proposal, which the caller proves or discards; it is not
-differentiable. The precision is that of the polynomials near the points, so boxes far from the origin must be centered
+differentiable. The polynomials near the points limit the precision, so boxes far from the origin must be centered
 first.
 
 The unknowns of a maximum are the point p on a with a multiplier, the feet q_k on b with their signed distances t_k
@@ -34,14 +34,14 @@ from jhd._runtime.arrays import varying
 
 # Rounds of the active set of a maximum, and Newton steps in each round.
 _ROUNDS, _NEWTON = 6, 10
-# Shares of the size of the boxes: what lies near a face, what is beyond one, what a solution leaves of its equations.
-# The last two, and those below, are meant for double precision.
+# Fractions of the size of the boxes: near a face, beyond a face, residual of a solution.
+# The last two, and the numbers below, are meant for double precision.
 _NEAR, _BEYOND, _CONVERGED = 1e-3, 1e-12, 1e-11
-# A multiplier of a face or of a foot is negative below this; they are shares of one.
+# A multiplier of a face or of a foot is negative below minus this, as a fraction of one.
 _NEGATIVE = 1e-9
-# Singular values below this share of the largest are none: families of solutions do not move along themselves.
+# Singular values below this fraction of the largest are zero: non-isolated maximizers do not move along themselves.
 _SOLVED, _FLAT = 1e-13, 1e-10
-# Curvatures of half the squared distance, which is one on a plane, below which a place is no nearest point.
+# Curvatures of half the squared distance, which is one on a plane, below which a point is not a nearest point.
 _SADDLE = 1e-6
 # A face this near to being tangent to the surface is left free at first: sine of the angle.
 _TANGENT = 0.05
@@ -58,34 +58,34 @@ class Polished(NamedTuple):
 
 
 class MaximumProblem(NamedTuple):
-    """A polish. Of the five rows the first belongs to p on a, the others to the feet on b."""
+    """The data of a polish. Of the five rows the first belongs to p on a, the others to the feet on b."""
 
     f: Array  # (5, i, j, k)
     lower: Array  # (5, 3), in the coordinates of the unknowns, like the next two
     upper: Array
     start: Array
-    center: Array  # (3,), where these coordinates begin
+    center: Array  # (3,), origin of these coordinates
     size: Array  # their unit
-    scale: Array  # (5,): values of the polynomials at places one unit from the surfaces
+    scale: Array  # (5,): values of the polynomials at points one unit from the surfaces
 
     def jets(self, x: Array) -> PolynomialJet:
-        """Value and gradient of each polynomial at its place."""
+        """Return value and gradient of each polynomial at its point."""
         return jax.vmap(jets)(self.f, self.center + self.size * x)
 
     def face(self, faces: Array) -> Array:
-        """Where the face lies that holds each coordinate, the upper one where none does."""
+        """Return the position of the face that holds each coordinate, the upper face if none does."""
         return jnp.where(faces < 0, self.lower, self.upper)
 
 
 class ActiveSet(NamedTuple):
-    """The active set: -1 or 1 where the lower or the upper face holds a coordinate, and which feet count."""
+    """The active set: -1 or 1 if the lower or the upper face holds a coordinate, and a mask of the feet that count."""
 
     faces: Array  # (5, 3)
     used: Array  # (4,)
 
 
 class Unknowns(NamedTuple):
-    """Places, multiplier of p and signed distances of the feet, weights, distance."""
+    """Points, multiplier of p and signed distances of the feet, weights, distance."""
 
     x: Array  # (5, 3)
     s: Array  # (5,)
@@ -102,10 +102,10 @@ def polish(
     feet: Float[Array, "4 3"],
     used: Bool[Array, "4"],
 ) -> Polished:
-    """The local maximum over a of the smallest distance to feet on b, near a candidate.
+    """Return the local maximum over a of the smallest distance to feet on b, near a candidate.
 
-    Every round solves the equations of one active set by Newton's method from the candidate, and revises the set. Where
-    the solutions are a family (concentric spheres), it is a member of the family near the candidate.
+    Every round solves the equations of one active set by Newton's method from the candidate, and revises the set. If
+    the maximizers are not isolated (concentric spheres), one near the candidate is returned.
 
     Args:
         fa: coefficients of a.
@@ -143,7 +143,7 @@ def polish(
 
     faces = _first_faces(problem, at.gradient)
     start = _multiplied(start, at, faces)
-    # A foot from which the distance falls along b misleads; another one stands for it if there is one.
+    # A foot from which the distance falls along b misleads; another foot replaces it if there is one.
     nearest = used & ~_saddles(start, at, faces, problem.size)
     active = ActiveSet(faces, jnp.where(jnp.any(nearest), nearest, used))
     state = varying((jnp.array(0), active, start, jnp.array(False)), problem, start)
@@ -154,7 +154,7 @@ def polish(
 
 
 class Shapes(NamedTuple):
-    """The surface that carries the point and the one that carries the feet, in one room of coefficients."""
+    """The surface of the point and the surface of the feet, with coefficients of one shape."""
 
     f: Array  # (2, i, j, k)
     lower: Array  # (2, 3)
@@ -162,14 +162,14 @@ class Shapes(NamedTuple):
 
 
 def _stacked(fa: Array, box_a: tuple[Array, Array], fb: Array, box_b: tuple[Array, Array]) -> Shapes:
-    """Both surfaces with their coefficients padded to one shape."""
+    """Return both surfaces with their coefficients padded to one shape."""
     shape = [max(sizes) for sizes in zip(fa.shape, fb.shape, strict=True)]
     padded = [jnp.pad(f, [(0, n - m) for n, m in zip(shape, f.shape, strict=True)]) for f in (fa, fb)]
     return Shapes(jnp.stack(padded), *(jnp.stack(corners) for corners in zip(box_a, box_b, strict=True)))
 
 
 def _started(shapes: Shapes, places: Array, weights: Array) -> tuple[MaximumProblem, Unknowns, PolynomialJet]:
-    """The problem about the first of five places, in units of the boxes, all unknowns there, and the jets."""
+    """Return the problem about the first of five points, in units of the boxes, all unknowns there, and the jets."""
     owner = jnp.array([0, 1, 1, 1, 1])
     center, size = places[0], jnp.max(shapes.upper - shapes.lower)
     lower, upper = ((x[owner] - center) / size for x in (shapes.lower, shapes.upper))
@@ -184,16 +184,16 @@ def _started(shapes: Shapes, places: Array, weights: Array) -> tuple[MaximumProb
 
 
 class Balance(NamedTuple):
-    """The terms of the equations: `pull` is what is left of u_k or p - q_k, and vanishes where no face holds."""
+    """The terms of the equations; `pull` is the residual of u_k or p - q_k, and vanishes if no face holds."""
 
     values: Array  # (5,), of the polynomials
-    slopes: Array  # (5,), lengths of the free parts of their gradients, one where there are none
+    slopes: Array  # (5,), lengths of the free parts of their gradients, one if there are none
     pull: Array  # (5, 3)
     distances: Array  # (4,)
 
 
 def _balance(y: Unknowns, at: PolynomialJet, faces: Array) -> Balance:
-    """The terms at some values of the unknowns, from the jets there."""
+    """Return the terms at some values of the unknowns, from the jets there."""
     slopes = length(jnp.where(faces == 0, at.gradient, 0.0))
     slopes = jnp.where(slopes > 0, slopes, 1.0)
     normals = at.gradient / slopes[:, None]
@@ -208,7 +208,7 @@ def _balance(y: Unknowns, at: PolynomialJet, faces: Array) -> Balance:
 
 
 def _equations(y: Unknowns, args: tuple[MaximumProblem, ActiveSet]) -> tuple:
-    """The equations of the module's docstring for one active set, as many as there are unknowns."""
+    """Return the equations of the module's docstring for one active set, as many as there are unknowns."""
     problem, (faces, used) = args
     terms, free = _balance(y, problem.jets(y.x), faces), faces == 0
     counts = jnp.concatenate([jnp.ones(1, bool), used])
@@ -223,18 +223,18 @@ def _equations(y: Unknowns, args: tuple[MaximumProblem, ActiveSet]) -> tuple:
 
 
 def _first_faces(problem: MaximumProblem, gradients: Array) -> Array:
-    """Faces within a share of the size from the start, but for those that the surface nearly touches there."""
+    """Return the faces within a fraction of the size of the start, except faces that the surface nearly touches."""
     x = problem.start
     faces = jnp.where(x <= problem.lower + _NEAR, -1.0, jnp.where(x >= problem.upper - _NEAR, 1.0, 0.0))
     slopes = length(gradients)[:, None]
     rest = length(jnp.where(faces == 0, gradients, 0.0))[:, None]
     touched = (rest <= _TANGENT * slopes) & jnp.any(faces == 0, axis=-1, keepdims=True)
-    # Of the faces at an edge those across the surface go on holding.
+    # Of the faces at an edge, the faces across the surface go on holding.
     return jnp.where(touched & (jnp.abs(gradients) > _TANGENT * slopes), 0.0, faces)
 
 
 def _multiplied(y: Unknowns, at: PolynomialJet, faces: Array) -> Unknowns:
-    """The unknowns with the multipliers of least squares, those of p and of the feet."""
+    """Return the unknowns with the least-squares multipliers of p and of the feet."""
     y = y._replace(s=y.s.at[0].set(0.0))
     terms = _balance(y, at, faces)
     normals = jnp.where(faces == 0, at.gradient, 0.0) / terms.slopes[:, None]
@@ -243,7 +243,7 @@ def _multiplied(y: Unknowns, at: PolynomialJet, faces: Array) -> Unknowns:
 
 
 def _revised(y: Unknowns, at: PolynomialJet, problem: MaximumProblem, active: ActiveSet) -> ActiveSet:
-    """The active set after a solution: faces that were passed hold; what has a negative multiplier is let go."""
+    """Return the next active set: faces that were passed hold; faces and feet with negative multipliers let go."""
     terms = _balance(y, at, active.faces)
     unit = jnp.concatenate([jnp.ones(1), jnp.where(terms.distances > 0, terms.distances, 1.0)])
     outward = active.faces * terms.pull / unit[:, None]
@@ -251,14 +251,14 @@ def _revised(y: Unknowns, at: PolynomialJet, problem: MaximumProblem, active: Ac
     faces = jnp.where(
         active.faces == 0, passed, jnp.where(outward < -like_double(_NEGATIVE, outward.dtype), 0.0, active.faces)
     )
-    # One foot at a time, that of the most negative weight.
+    # One foot at a time, the one with the most negative weight.
     used = active.used & ~((jnp.arange(4) == jnp.argmin(y.w)) & (y.w < -like_double(_NEGATIVE, y.w.dtype)))
     counts = jnp.concatenate([jnp.ones(1, bool), active.used])
     return ActiveSet(jnp.where(counts[:, None], faces, active.faces), used)
 
 
 def _saddles(y: Unknowns, at: PolynomialJet, faces: Array, size: Array) -> Array:
-    """Which feet are places from which the distance falls along b, to second order."""
+    """Return a mask of the feet from which the distance falls along b, to second order."""
 
     def least(s: Array, gradient: Array, hessian: Array, held: Array) -> Array:
         normal = jnp.where(held == 0, gradient, 0.0)
@@ -270,7 +270,7 @@ def _saddles(y: Unknowns, at: PolynomialJet, faces: Array, size: Array) -> Array
 
 
 def _passed(x: Array, problem: MaximumProblem) -> Array:
-    """The faces that are passed first on the way from the start of each place, as -1 and 1."""
+    """Return the faces that each point passes first on the way from its start, as -1 and 1."""
     room = like_double(_BEYOND, x.dtype)
     beyond = jnp.where(x < problem.lower - room, -1.0, jnp.where(x > problem.upper + room, 1.0, 0.0))
     way = jnp.where(beyond != 0, x - problem.start, 1.0)
@@ -279,7 +279,7 @@ def _passed(x: Array, problem: MaximumProblem) -> Array:
 
 
 def _least_curvature(matrix: Array, normal: Array, free: Array) -> Array:
-    """The smaller eigenvalue of a matrix on the free directions of a surface; at most zero where there is only one."""
+    """Return the smaller eigenvalue of a matrix on the free directions of a surface; at most zero for one direction."""
     square = jnp.sum(normal * normal)
     unit = normal / jnp.sqrt(jnp.where(square > 0, square, 1.0))
     along = jnp.where(free, jnp.eye(3, dtype=normal.dtype), 0.0) - unit[:, None] * unit

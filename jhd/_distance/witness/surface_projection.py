@@ -5,8 +5,8 @@ surface the polynomial is zero and the query lies on the normal, in the coordina
 from the foot found, which is a constant, carry first and second derivatives. If the equations are singular (a whole
 region is equally near), nothing moves, which leaves the first derivative of the distance unchanged. At a pole, which is
 a free foot on a collapsed edge, one piece does not determine how the foot moves: its derivatives and the second
-derivatives of the distance are NaN there, and beside it, within the root of rounding, if distances do not tell which
-piece has the foot.
+derivatives of the distance are NaN. They are also NaN close to a pole, within the root of rounding, if distances do not
+determine which piece has the foot.
 
 Along the normal of a surface the distance keeps its digits if the query is close. At distance zero the derivative is
 zero by convention.
@@ -27,27 +27,27 @@ from jhd._results.solution import Projection
 from jhd._runtime.arrays import varying
 from jhd._runtime.compiled import compiled
 
-# A derivative this much shorter than the piece is large is that along a collapsed edge; above, feet have six digits.
+# A derivative this much shorter than the size of the piece belongs to a collapsed edge; above, feet have six digits.
 _COLLAPSED = 1e-10
-# Distances tell a foot to within the root of so many units of roundoff. So near to a collapsed edge it is known if the
-# distance is stationary, to an angle of so many units.
+# Distances determine a foot to the root of this many units of roundoff. This near to a collapsed edge, the foot is
+# known if the distance is stationary, to an angle of this many units.
 _TOLD, _STATIONARY = 32, 2.0**15
-# Newton's steps before those that are differentiated, and how far one may move a foot as a share of the piece.
+# Newton steps before the differentiated ones, and the largest move of a foot in one step, as a fraction of the piece.
 _POLISHING, _KNOWN = 8, 1e-6
-# How far it may turn around a pole, as a share of the parameters.
+# Largest turn around a pole in one step, as a fraction of the parameters.
 _TURN = 0.5
-# The equations are singular where their determinant is below this share of what it could be.
+# The equations are singular if their determinant is below this fraction of its largest possible value.
 _SINGULAR = 1e-8
 
 
 def with_patch_derivatives(found: Projection, queries: Array, net: Net) -> Projection:
-    """Nearest points (points, ...) of a net, differentiable in the queries and in the net."""
+    """Return nearest points (points, ...) of a net, differentiable in the queries and in the net."""
     distance, foot, t = distances_from_patches(queries, found.segment, found.t, net)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 
 def with_surface_derivatives(found: Projection, queries: Array, surface: Any) -> Projection:
-    """Nearest points (points, ...) of an implicit surface, differentiable in queries, coefficients and box."""
+    """Return nearest points of an implicit surface, differentiable in queries, coefficients and box."""
     coefficients, box = surface.coefficients, jnp.stack(surface.bounds)
     distance, foot = distance_from_surface(queries, found.foot, coefficients, box)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot)
@@ -55,14 +55,15 @@ def with_surface_derivatives(found: Projection, queries: Array, surface: Any) ->
 
 @compiled
 def distances_from_patches(queries: Array, segment: Array, t: Array, net: Net) -> tuple[Array, Array, Array]:
-    """Distances, feet and parameters on pieces of a net, as functions of queries and net."""
+    """Return distances, feet and parameters on pieces of a net, as functions of queries and net."""
     n = net.parameters
-    # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
+    # If nothing is proven there is no foot; its derivatives are not used, but they must be numbers.
     segment, t = jnp.maximum(segment, 0), jnp.where(jnp.isfinite(t), t, 0.0)
 
     def one(query: Array, k: Array, t: Array) -> tuple[Array, Array, Array]:
         piece, x = net.piece(k), t[:n]
-        # From the foot all near it keeps its digits: beside a collapsed edge first derivatives are as short as that.
+        # Relative to the foot all digits are kept: near a collapsed edge first derivatives are as short as its
+        # distance.
         origin = jax.lax.stop_gradient(jet(piece, x).point)
         offsets = piece.points - origin
         scale = scale_of(common_exponent(jax.lax.stop_gradient(piece.points - query)), offsets.dtype)
@@ -82,11 +83,11 @@ def distances_from_patches(queries: Array, segment: Array, t: Array, net: Net) -
 
 
 def _polished(piece: Net, apart: Array, x: Array) -> Array:
-    """The parameters after some of Newton's steps, none of which moves the foot by more than it is known to.
+    """Return the parameters after Newton steps, each of which moves the foot by at most its uncertainty.
 
-    Distances tell a foot to within the root of rounding, which beside a collapsed edge is far along it. The part of the
-    offset along the surface is left out of second derivatives: Newton's method turns around a pole by less than 45
-    degrees with it, and by nearly 90 without.
+    Distances determine a foot to the root of rounding, which is far along a collapsed edge close to it. The part of the
+    offset along the surface is left out of second derivatives: with it Newton's method turns around a pole by less than
+    45 degrees, and without it by nearly 90.
     """
     most = _KNOWN * _size(piece)
 
@@ -107,10 +108,10 @@ def _size(piece: Net) -> Array:
 
 
 def _distance_at(settled: tuple[Array, Array], given: tuple[Net, Array]) -> Array:
-    """The distance from the origin of a piece, moved, at parameters where it is stationary or that are held.
+    """Return the distance from the origin of a moved piece, at parameters that are stationary or held.
 
-    To first order it does not change with them. Autodiff adds what rounding leaves of that times their speed, which is
-    large beside a collapsed edge.
+    To first order it does not change with these parameters. Autodiff adds the rounding error of this slope times their
+    speed, which is large near a collapsed edge.
     """
     (x, held), (piece, apart) = settled, given
     at = jet(piece, x)
@@ -120,7 +121,7 @@ def _distance_at(settled: tuple[Array, Array], given: tuple[Net, Array]) -> Arra
 
 
 def _held(piece: Net, apart: Array, x: Array) -> tuple[Array, Array]:
-    """Which parameters do not move, and whether others would tell how the foot moves, as on a collapsed edge.
+    """Return a mask of the parameters that do not move, and whether the motion of the foot is unknown, as at a pole.
 
     Parameters are held by a border, along collapsed edges, and all of them at singular feet.
     """
@@ -130,9 +131,9 @@ def _held(piece: Net, apart: Array, x: Array) -> tuple[Array, Array]:
     size, distance = _size(piece), length(apart + at.point)
     collapsed = lengths <= _COLLAPSED * size
     sizes = lengths * distance
-    # On a collapsed edge a piece beside this one may hold the foot, as far as it is known.
+    # On a collapsed edge a neighboring piece may hold the foot, within its uncertainty.
     pressed = presses(x, slope, sizes) & ~(jnp.any(collapsed) & (jnp.abs(slope) <= _KNOWN * sizes))
-    # So near to the edge distances do not tell which piece has the foot: it is unknown if hardly stationary.
+    # This near to the edge distances do not determine which piece has the foot: it is unknown if hardly stationary.
     told = jnp.sqrt(_TOLD * eps * size * (size + distance))
     pull = jnp.abs(slope) / jnp.where(sizes > 0, sizes, 1.0)
     beside = jnp.any(~collapsed & (lengths <= told) & (pull > _STATIONARY * eps) & (pull <= _KNOWN))
@@ -144,7 +145,7 @@ def _held(piece: Net, apart: Array, x: Array) -> tuple[Array, Array]:
 
 
 def _hessian(at: Any, pull: Array, held: Array) -> Array:
-    """That of half the squared distance, in parameters that are lengths, at a foot that is so far off."""
+    """Return the Hessian of half the squared distance, in parameters that are lengths, for the offset `pull`."""
     per_length = _per_length(at, held)
     hessian = jnp.sum(at.first[:, None] * at.first[None], axis=-1) + jnp.sum(at.second * pull, axis=-1)
     hessian = hessian * per_length[:, None] * per_length[None, :]
@@ -152,7 +153,7 @@ def _hessian(at: Any, pull: Array, held: Array) -> Array:
 
 
 def _per_length(at: Any, held: Array) -> Array:
-    """By how much parameters change along a length of one; one where they do not move."""
+    """Return the change of the parameters along a unit of length; one for parameters that do not move."""
     lengths = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(at.first**2, axis=-1)))
     return 1 / jnp.where(held | (lengths == 0), 1.0, lengths)
 
@@ -162,7 +163,7 @@ def _determinant(m: Array) -> Array:
 
 
 def _step(apart: Array, at: Any, held: Array, pull: Array) -> Array:
-    """Newton's step to where the distance is stationary."""
+    """Return Newton's step towards a stationary distance."""
     per_length = _per_length(at, held)
     right = jnp.where(held, 0.0, -jnp.sum(at.first * (apart + at.point), axis=-1) * per_length)
     hessian = _hessian(at, pull, held)
@@ -173,7 +174,7 @@ def _step(apart: Array, at: Any, held: Array, pull: Array) -> Array:
 
 
 def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
-    """The length of a vector, by the normal where the foot is free and has one."""
+    """Return the length of a vector, by the normal if the foot is free and has one."""
     square = jnp.sum(normal**2)
     sound = free & (square > 0)
     along = jnp.sum(apart * normal) / jnp.sqrt(jnp.where(sound, square, 1.0))
@@ -183,11 +184,11 @@ def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
 
 @compiled
 def distance_from_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
-    """Distances and feet on an implicit surface, as functions of all but the feet."""
+    """Return distances and feet on an implicit surface, as functions of all but the feet."""
     scale = scale_of(common_exponent(jax.lax.stop_gradient(box)), box.dtype)
     c = rescaled(coefficients, scale)
     box = box * scale
-    # Where nothing is proven there is no foot; its derivatives are not used, but they must be numbers.
+    # If nothing is proven there is no foot; its derivatives are not used, but they must be numbers.
     feet = jnp.where(jnp.isfinite(feet), feet, 0.0)
 
     def one(query: Array, foot: Array) -> tuple[Array, Array]:
@@ -209,7 +210,7 @@ def distance_from_surface(queries: Array, feet: Array, coefficients: Array, box:
             step = jnp.linalg.solve(slope, equations(y, p, c, walls))
             y = y - jnp.where(usable, step, 0.0)
         normal = slopes(c, y[:3])[1]
-        # Where nothing moves, faces do, and the surface by its own speed along the normal.
+        # If the unknowns do not move, faces still move, and the surface moves along the normal by its own speed.
         distance = jnp.where(usable, _length(p - y[:3], normal, ~jnp.any(held)), _length(p - y[:3], normal, False))
         return distance / scale, y[:3] / scale
 
@@ -217,14 +218,14 @@ def distance_from_surface(queries: Array, feet: Array, coefficients: Array, box:
 
 
 def _start(c: Array, x: Array, p: Array, at_low: Array, at_high: Array) -> tuple[Array, Array, Array]:
-    """Foot and multiplier, whether their equations can be solved, and which coordinates faces hold.
+    """Return foot and multiplier, whether their equations can be solved, and which coordinates faces hold.
 
-    A face holds where the query pulls the foot beyond it.
+    A face holds if the query pulls the foot beyond it.
     """
     at = jets(c, x)
     border = at_low | at_high
     multiplier = _multiplier(at.gradient, p - x, border)
-    # First all faces hold; those whose pull is inward let go.
+    # First all faces hold; faces with an inward pull let go.
     pull = p - x - multiplier * at.gradient
     held = (at_low & (pull < 0)) | (at_high & (pull > 0))
     multiplier = _multiplier(at.gradient, p - x, held)
