@@ -27,7 +27,7 @@ def greatest_square(values: Float[np.ndarray, "cells corners"]) -> Float[np.ndar
 
 
 def least_square(values: Float[np.ndarray, "cells corners"]) -> Float[np.ndarray, " cells"]:
-    """Lower bounds of the means of the squares of what is not negative: the rest is nowhere more than at a corner."""
+    """Lower bounds of the means of max(f, 0)^2: nowhere is f more negative than at a corner."""
     count = values.shape[1]
     whole = (np.sum(values**2, axis=1) + np.sum(values, axis=1) ** 2) / (count * (count + 1))
     negative = np.maximum(-np.min(values, axis=1), 0.0)
@@ -37,7 +37,7 @@ def least_square(values: Float[np.ndarray, "cells corners"]) -> Float[np.ndarray
 def shares_below(
     values: Float[np.ndarray, "cells corners"], level: float
 ) -> tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]:
-    """Lower and upper bounds of the shares of the simplices over which the functions are at most a level."""
+    """Lower and upper bounds of the fractions of the simplices on which the functions are at most `level`."""
     ordered = np.sort(values, axis=1)
     first, last = ordered[:, 0], ordered[:, -1]
     low, high = (last <= level).astype(np.float64), (first <= level).astype(np.float64)

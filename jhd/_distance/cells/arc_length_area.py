@@ -1,18 +1,19 @@
 """Parts of curves and surfaces as flat pieces, with proven lengths and areas, for many at once, in NumPy.
 
 A part with control points p_ij is compared with the affine map L that agrees with its corners as far as it can: with
-L_ij = L(i / p, j / q) both are sums of the same Bernstein polynomials, so |a(u, v) - L(u, v)| <= max |p_ij - L_ij|. Of
-rational parts it is the largest |coefficient| of w (a - L), divided by the smallest weight.
+L_ij = L(i / p, j / q) both are sums of the same Bernstein polynomials, so |a(u, v) - L(u, v)| <= max |p_ij - L_ij|. For
+rational parts the bound is the largest |coefficient| of w (a - L), divided by the smallest weight.
 
-**Measure.** Let N be a' of a curve, or a_u x a_v of a surface, a polynomial with Bernstein coefficients n_k. Integrals
-of Bernstein polynomials are all the same, so |mean of n_k| <= length or area <= mean of |n_k|, which leaves a gap of
-second order. Of rational parts it is M / w^k with k = 2 or 3 and a polynomial M. With t = w / w_0,
+**Measure.** Let N be a' of a curve, or a_u x a_v of a surface, a polynomial with Bernstein coefficients n_k. All
+Bernstein polynomials of a degree have equal integrals, so |mean of n_k| <= length or area <= mean of |n_k|, which
+leaves a gap of second order. For rational parts the density is |M| / w^k with k = 2 or 3 and a polynomial M. With
+t = w / w_0,
 
     t^-k = (k + 1) - k t + phi(t),   0 <= phi(t) <= max of phi at the ends of the range of t,
 
-since phi is convex and zero with its slope at one; so M ((k + 1) - k t) takes the place of N, up to phi |M|.
+since phi is convex and zero with its slope at one; so M ((k + 1) - k t) replaces N, up to phi |M|.
 
-The coefficients over a part are those of the whole piece on the box of its parameters, times the sides of the box, so
+The coefficients over a part are the piece's coefficients on the box of its parameters, times the sides of the box, so
 errors stay relative to the size of the part.
 
 **Evenness.** How far the density |N| is from constant: `uneven` bounds the integral of | |N| / mean - 1 | over the unit
@@ -41,17 +42,20 @@ _UP, _DOWN = 1 + gamma(512, np.float64), 1 - gamma(512, np.float64)
 
 
 class FlatCells(NamedTuple):
-    """Cells beside flat pieces: a point of the cell at parameters in the unit square is within `slack` of the piece's.
+    """Cells and flat pieces near them: a point of a cell is within `slack` of the piece's at equal parameters.
 
     Args:
-        corners: of the pieces: a point, a segment, a triangle, or a parallelogram in the order of its parameters.
-        slack: how far points of the cell are from those of the piece at the same parameters.
-        lower: of the length or area of the cell; 1 of a point.
-        upper: of the same.
+        corners: corners of the pieces: a point, a segment, a triangle, or a parallelogram in the order of its
+            parameters.
+        slack: bound of the distance between points of the cell and of the piece at equal parameters.
+        lower: lower bounds of the length or area of each cell; 1 for a point.
+        upper: upper bounds of the length or area of each cell.
         uneven: bound of the integral of |density / mean density - 1|.
-        controls: coefficients of a part, as many at each cell: convex functions are at most, concave ones at least what
-            the same polynomial with their values for coefficients says; where that is not known the corners.
-        off: how far points of the cell are from those of that polynomial; the slack where they are the corners.
+        controls: control points of each cell. The polynomial with the values of a convex function there as coefficients
+            is at least that function; for a concave function it is at most that function. If no such points are known,
+            they are the corners.
+        off: bound of the distance of points of the cell to the polynomial with these coefficients; the slack for
+            corners.
     """
 
     corners: Float[np.ndarray, "cells corners 3"]
@@ -66,7 +70,7 @@ class FlatCells(NamedTuple):
 
 
 class _Sized(NamedTuple):
-    """Coefficients (cells, rows, columns, width), a bound of their sizes, and one of their errors."""
+    """Coefficients (cells, rows, columns, width), a bound of their sizes, and a bound of their errors."""
 
     values: np.ndarray
     size: Any
@@ -84,9 +88,9 @@ def restricted(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndar
 
 
 def _blossomed(c: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The blossom at (a, .., a, b, .., b): first to the part before b, then of that to what is after a."""
+    """Return the coefficients on [a, b], along the first axis: restrict to [0, b], then drop the part before a."""
     first = _before(c, b)
-    # The left end as a share of [0, b]; for b = 0 both ends are one place.
+    # The left end divided by b. For b = 0 both ends are equal.
     share = np.where(b > 0, a / np.where(b > 0, b, 1.0), 0.0)
     return _before(first[::-1], 1 - share)[::-1]
 
@@ -101,9 +105,9 @@ def _before(c: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def off_by(degrees: tuple[int, int]) -> float:
-    """What restriction leaves of control points of at most one.
+    """Bound the error of `restricted` for control points of at most one.
 
-    Six roundings a level; an end as a share of the other is off by at most 3 u, which moves a control point by 6 u for
+    Six roundings a level; one end divided by the other is off by at most 3 u, which moves a control point by 6 u for
     each degree.
     """
     return gamma(12 * sum(degrees) + 16, np.float64)
@@ -112,25 +116,25 @@ def off_by(degrees: tuple[int, int]) -> float:
 def flat_parts(
     points: np.ndarray, weights: np.ndarray | None, off: float
 ) -> tuple[Float[np.ndarray, "cells corners 3"], Float[np.ndarray, " cells"]]:
-    """Flat pieces beside parts of curves (one column) or surfaces: their corners, and how far parts are from them.
+    """Return the corners of flat pieces near parts of curves (one column) or surfaces, and how far the parts are off.
 
     Args:
-        points: control points (cells, rows, columns, 3), of at most one; of rational parts times their weights.
+        points: control points (cells, rows, columns, 3), at most one; multiplied by the weights for rational parts.
         weights: (cells, rows, columns, 1), positive, of at most one; None for polynomial parts.
-        off: bound of their errors, of weights relative to them.
+        off: bound of the errors of the points; for the weights, relative to them.
     """
     w = np.ones_like(points[..., :1]) if weights is None else weights
     at = points / w
     center = np.mean(at[:, [0, 0, -1, -1], [0, -1, 0, -1]], axis=1)[:, None, None]
     homogeneous = (at - center) * w
-    # Halves of the sums of two opposite sides each, of a curve twice the same one.
+    # Means of two opposite sides; for a curve both sides are one.
     first = 0.5 * np.sum(at[:, -1, [0, -1]] - at[:, 0, [0, -1]], axis=1)
     second = 0.5 * np.sum(at[:, [0, -1], -1] - at[:, [0, -1], 0], axis=1)
     shift, slack = _beside(homogeneous, weights, first, second)
     signs = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
     signs = signs if points.shape[2] > 1 else np.array([[-0.5, 0.0], [0.5, 0.0]])
     corners = (center[:, 0, 0] + shift)[:, None] + signs[:, :1] * first[:, None] + signs[:, 1:] * second[:, None]
-    # What the corners above are rounded by, and the control points.
+    # The rounding of the corners above, and the errors of the control points.
     slack = slack * _UP + 4 * math.sqrt(3) * (off + _ROUNDINGS)
     return corners, slack
 
@@ -138,7 +142,7 @@ def flat_parts(
 def _beside(
     homogeneous: np.ndarray, weights: np.ndarray | None, first: np.ndarray, second: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """By how much the map with these sides is best moved, and how far the part is from it then."""
+    """Return the best shift of the affine map with these sides, and the distance of the part from the shifted map."""
     if weights is None:
         values = homogeneous - _affine(first, second, *homogeneous.shape[1:3])
         shift = _middle(values)
@@ -173,7 +177,7 @@ class NormalForm(NamedTuple):
         values: its coefficients (pieces, rows, columns, 3).
         size: bound of their lengths (pieces,).
         error: bound of their errors (pieces,).
-        power: that of the weight, 0 where there is none.
+        power: power of the weight in the denominator, 0 for polynomial pieces.
     """
 
     values: np.ndarray
@@ -183,7 +187,7 @@ class NormalForm(NamedTuple):
 
 
 def normal_form(points: np.ndarray, weights: np.ndarray | None, off: float) -> NormalForm:
-    """The form of pieces, from what `flat_parts` takes of parts."""
+    """Return the form of pieces, given like the parts in `flat_parts`."""
     surface = points.shape[2] > 1
     w = np.ones_like(points[..., :1]) if weights is None else weights
     at = points / w
@@ -211,11 +215,11 @@ def measured_parts(
     """Lower and upper bounds of the measures of parts, and their unevenness.
 
     Args:
-        form: of the pieces.
-        piece: that each part is of.
+        form: the form of the pieces.
+        piece: index of the piece that contains each part.
         ends: lower and upper ends of the parameters (cells, parameters).
-        weights: of the parts (cells, rows, columns, 1), or None.
-        off: bound of their errors relative to them.
+        weights: weights of the parts (cells, rows, columns, 1), or None.
+        off: bound of the relative errors of the weights.
     """
     low, high = ends
     degrees = form.values.shape[1] - 1, form.values.shape[2] - 1
@@ -230,7 +234,7 @@ def measured_parts(
 
 
 def _divided(whole: _Sized, weights: np.ndarray, off: float, power: int) -> tuple[np.ndarray, np.ndarray]:
-    """The form divided by a power of the weight, where what is left over counts as an error."""
+    """Divide the form by a power of the weight; return coefficients and an error that includes the remainder."""
     low, high = np.min(weights, axis=(1, 2))[:, 0] * (1 - 2 * off), np.max(weights, axis=(1, 2))[:, 0] * (1 + 2 * off)
     middle = 0.5 * (low + high)
     t = weights / middle[:, None, None, None]
@@ -289,13 +293,13 @@ def _measured(normal: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def uneven_of(least: np.ndarray, most: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """The bound of unevenness from the range of a density and a lower bound of its mean."""
+    """Bound the unevenness from the range of a density and a lower bound of its mean."""
     known = mean > 0
     return np.where(known, np.minimum((most - least) / np.where(known, mean, 1.0) * _UP, 2.0), 2.0)
 
 
 def flat_triangles(corners: np.ndarray, off: float | np.ndarray) -> FlatCells:
-    """Triangles, exact up to an error of each coordinate, of all or of each."""
+    """Return triangles as cells, exact up to the error `off` of each coordinate, a number or one for each triangle."""
     u, v = (corners[:, k] - corners[:, 0] for k in (1, 2))
     size = np.max(_length(np.stack([u, v], axis=1)), axis=1) * _UP
     wide = 2 * math.sqrt(3) * off + _ROUNDINGS * size
@@ -308,7 +312,7 @@ def flat_triangles(corners: np.ndarray, off: float | np.ndarray) -> FlatCells:
 
 
 def single_points(points: np.ndarray, counts: np.ndarray, off: float) -> FlatCells:
-    """Points, each of which counts so much."""
+    """Return points as cells; point k counts `counts[k]` times."""
     nothing = np.zeros(len(points))
     slack = nothing + math.sqrt(3) * off
     return FlatCells(points[:, None], slack, counts, counts, nothing, points[:, None], slack)

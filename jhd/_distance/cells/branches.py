@@ -1,8 +1,8 @@
 """Upper bound of the distance from one cell of a to b: two branches of b, matched to the cell and split at their peak.
 
-A cell is a parameter interval of one segment of a, with a foot on b at each of its ends. A branch continues one of the
-feet over the cell by a map sigma of the cell's parameter u into the parameter of one segment of b, so that
-D(u) = |A(u) - B(sigma(u))|^2 bounds the squared distance at every u, whatever sigma is. In Bernstein form its largest
+A cell is a parameter interval of one segment of a, with a foot on b at each end. A branch continues one of the feet
+over the cell by a map sigma of the cell's parameter u into the parameter of one segment of b, so that
+D(u) = |A(u) - B(sigma(u))|^2 bounds the squared distance at every u, for any sigma. In Bernstein form its largest
 coefficient bounds it over the cell, and the smaller of the two branches' bounds holds too. The coefficients of both are
 first **split at tau**, where min(D_X, D_Y) is largest, and the larger of the two halves' bounds is taken: next to an
 interior peak all coefficients equal the value there, and at a crossing each half is monotone, so the bound is exact up
@@ -12,8 +12,8 @@ proven.
 sigma is a cubic with the feet's speeds at both ends on polynomial curves, which leaves a mismatch of fourth order, and
 a Moebius map on rational ones, which is exact between two proper parametrizations of one rational curve.
 
-Rounding, for coordinates of at most one. Let p, q be the degrees, g that of sigma (1 for a Moebius map), n that of the
-difference e, d the dimension, G(k) = rounding.gamma(k).
+Rounding, for coordinates of at most one. Let p, q be the degrees, g the degree of sigma (1 for a Moebius map), n the
+degree of the difference e, d the dimension, G(k) = rounding.gamma(k).
  - A on the cell: restriction, 3 p roundings a coefficient; raising it to degree n, n + 6 more.
  - B(sigma): q levels of g + 4 roundings each (complement, binomial factors, products, g + 1 sums), then a division (two
    roundings): q (g + 4) + 2; raising it to degree n, n + 6 more. sigma's coefficients are floats by definition.
@@ -23,7 +23,7 @@ difference e, d the dimension, G(k) = rounding.gamma(k).
  - |e|^2: as in jhd._distance.nearest.curves, at most G(n + d + 8) rho^2 with rho the largest |e_i| / w_i of the half;
    the quotient by w^2 a relative G(2 (3 p + q (g + 4) + 5 n) + 20), none on polynomial curves.
  - Flushed subnormals add a few hundred smallest normal numbers nu, on rational curves divided by the smallest weight
-   and, under the root, by its square; the ratio of weights is limited where curves are made, so w^2 is no subnormal.
+   and, under the root, by its square; the constructors of curves limit the ratio of weights, so w^2 is no subnormal.
  - So distance <= sqrt(max D_k (1 + that) + G(n + d + 8) rho^2) (1 + G(4)) + eta.
 
 Source: the hull property is in Farouki & Rajan, CAGD 5 (1988); the split at tau and the maps are ours.
@@ -77,7 +77,7 @@ class CurveBound(NamedTuple):
 
 
 class _FollowedBranch(NamedTuple):
-    """Difference e = w (A - B(sigma)) over the cell, its weight w (None where it is one), and the ends of sigma."""
+    """Difference e = w (A - B(sigma)) over the cell, its weight w (None if it is one), and the ends of sigma."""
 
     e: Array
     w: Array | None
@@ -86,7 +86,7 @@ class _FollowedBranch(NamedTuple):
 
 
 def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell, runs: Chords | None = None) -> CurveBound:
-    """Upper bound of the distance to b over one cell of a, and where to cut it; `runs` are those of b, if any."""
+    """Bound the distance to b over one cell of a, and choose a cut; `runs` are the straight runs of b, if any."""
     piece = piece_of(a, cell.segment)
     width = cell.t1 - cell.t0
     part = _restricted(piece, cell.t0, cell.t1)
@@ -149,8 +149,8 @@ def _run_bound(part: Piece, runs: Chords, cell: CurveCell) -> Array:
     The distance from the chord of a run is convex, so over the hull of the cell it is largest at a control point; from
     the run it is at most delta more (jhd._distance.nearest.chords). No joint between segments of a run matters.
 
-    Rounding: a control point of the cell is off by 3 p roundings in numerator and weight, and by the product, the
-    quotient and what they carry on.
+    Rounding: a control point of the cell is off by 3 p roundings in numerator and weight, and by the roundings of the
+    product and the quotient.
     """
     points = part.control_points if part.weights is None else part.control_points / part.weights[:, None]
     count, dim = points.shape
@@ -235,7 +235,7 @@ def _difference(part: Piece, foot: Piece, sigma: Array, complement: Array) -> tu
 
 
 def _peak(both: _FollowedBranch) -> tuple[Array, Array, Array]:
-    """Where the smaller of the two distances is largest, its value there, and which branch is the nearer.
+    """Return the parameter at which the smaller of the two distances is largest, its value, and the nearer branch.
 
     The best of a few samples, then steps to the best among the peaks of either branch and their crossing, each
     predicted from values and two derivatives.
@@ -266,14 +266,14 @@ def _peak(both: _FollowedBranch) -> tuple[Array, Array, Array]:
         crossing = u - (f[0] - f[1]) / jnp.where(slope != 0, slope, jnp.inf)
         return u, jnp.stack([f, f1, f2]), jnp.clip(jnp.append(tops, crossing), low, high)
 
-    # The first step tries the sample itself: one evaluation in a program instead of three.
+    # The first step tries the sample itself: the compiled function has one evaluation instead of three.
     start = u, jnp.full((3, 2), -jnp.inf, u.dtype), jnp.stack([u, u, u])
     u, (f, *_), _ = jax.lax.fori_loop(0, _PEAK_STEPS + 1, step, varying(start, both))
     return u, jnp.sqrt(jnp.min(f)), jnp.argmin(f)
 
 
 def _split_bound(both: _FollowedBranch, u: Array, p: int, q: int) -> Array:
-    """Over the two halves of the cell the larger, of the two branches the smaller proven bound."""
+    """Return the maximum over both halves of the cell of the smaller proven bound of the two branches."""
     n, dim, dtype = both.e.shape[1] - 1, both.e.shape[2], both.e.dtype
     g = 3 if both.w is None else 1
     roundings = 3 * p + q * (g + 4) + 2 * n + 20
@@ -285,7 +285,7 @@ def _split_bound(both: _FollowedBranch, u: Array, p: int, q: int) -> Array:
         relative, lost = 0.0, flushed
         if w is not None:
             weight_sq = bernstein.multiply(w, w)
-            # What is flushed in e, w and their squares counts in units of the weight.
+            # Digits of e, w and their squares that are flushed count in units of the weight.
             lost = flushed * (1 + 1 / jnp.min(w)) / jnp.min(weight_sq)
             squares, rho_sq = squares / weight_sq, rho_sq / (w * w)
             relative = gamma(2 * (3 * p + q * (g + 4) + 5 * n) + 20, dtype)

@@ -1,29 +1,29 @@
-"""Upper bounds of the distance over a cell of a curve, patch or triangle by feet that are followed over it.
+"""Upper bounds of the distance over a cell of a curve, patch or triangle by feet that follow the points of the cell.
 
-A cell is a segment or triangle of parameters u of one piece of a. For every map sigma of it into the parameters of one
-piece of b the distance of a(u) is at most |a(u) - b(sigma(u))|. Here sigma is the quadratic polynomial through the feet
-of six places close to the corners and the middles of the sides (of three on a segment), its coefficients clipped to the
-domain, which is convex and so holds all of its values. The feet need not be the nearest ones. Where sigma follows the
-feet to third order the bound is off by the square of that, so it closes at shapes that are equally far from each other
-along whole regions as well. At a corner itself the foot may have many parameters, where a side is a single point.
+A cell is a segment or triangle of parameters u of one piece of a. For every map sigma of the cell into the parameters
+of one piece of b, the distance of a(u) is at most |a(u) - b(sigma(u))|. Here sigma is the quadratic polynomial through
+the feet of six points close to the corners and the middles of the sides (of three on a segment), its coefficients
+clipped to the domain, which is convex and so holds all of its values. The feet need not be the nearest ones. If sigma
+follows the feet to third order, the bound is off by the square of this error. So it closes also at shapes that are
+equally far from each other along whole regions. The foot of a corner itself may have many parameters, if a side of b is
+a single point.
 
-In Bernstein form over the cell let e = w_b a - w_a b(sigma) and w = w_a w_b, both of degree n. With l a polynomial of
-degree two close to e, whatever it is, and r = e - l,
+In Bernstein form over the cell let e = w_b a - w_a b(sigma) and w = w_a w_b, both of degree n. With any polynomial l of
+degree two close to e, and r = e - l,
 
     |e|^2 = l.(2 e - l) + |r|^2 <= max (l.(2 e - l))_i + max |r_i|^2,
 
-and w^2 >= min (s (2 w - s))_i likewise, and quotients of coefficients bound the quotient. On large cells
-max |e_i| / w_i is less.
+and w^2 >= min (s (2 w - s))_i with any s of degree two close to w. Quotients of coefficients bound the quotient. On
+large cells max |e_i| / w_i is less.
 
-Rounding, for coordinates of at most one; larger ones make all of it larger in proportion. With K the roundings of
+Rounding, for coordinates of at most one; for larger ones, all errors grow in proportion. With K the roundings of
 composing and multiplying (jhd._arithmetic.simplices), e_i is off by at most 2 sqrt(3) gamma(K) w_i, as all of its terms
-have the signs and sizes of those of w_i, and w_i by gamma(K) w_i. So |e| / w is off by 2 sqrt(3) gamma(K) and a factor
-1 + gamma(2 K). With m the largest |e_i| or |l_i| the coefficients of l.(2 e - l) are at most 3 m^2 in size and off by
-less than gamma(64) 4 m^2, and |r_i|^2, of which l is raised by six terms, by gamma(64) m^2; those of w likewise.
-Weights that are so small that squares of them might be flushed are refused; digits of e that are flushed count as the
-root of nu.
+have the signs and sizes of the terms of w_i, and w_i by gamma(K) w_i. So |e| / w is off by 2 sqrt(3) gamma(K) and a
+factor 1 + gamma(2 K). With m the largest |e_i| or |l_i| the coefficients of l.(2 e - l) are at most 3 m^2 in size and
+off by less than gamma(64) 4 m^2, and |r_i|^2, of which l is raised by six terms, by gamma(64) m^2; the coefficients for
+w equally. Weights whose squares might be flushed are refused; digits of e that are flushed count as the root of nu.
 
-All functions take many cells at once, along the last axis. Feet and maps are those of jhd._distance.cells.foot_maps.
+All functions take many cells at once, along the last axis. Feet and maps come from jhd._distance.cells.foot_maps.
 """
 
 import math
@@ -56,14 +56,14 @@ class Simplex(NamedTuple):
 
 
 def part_over(k: int, shape: Net | Triangles, inner: Array, complement: Array) -> Simplex:
-    """Pieces over cells, by maps of these into their parameters.
+    """Return the parts of pieces over cells, given maps of the cells into the parameters of the pieces.
 
     Args:
         k: dimension of the cells.
-        shape: a piece for each cell, which is its first axis.
-        inner: coefficients of the maps (indices, parameters, cells), of degree one or two; of triangles barycentric
-            coordinates, whose sums are one but for eight roundings.
-        complement: those of one minus them, which triangles do not need.
+        shape: one piece for each cell, along the first axis.
+        inner: coefficients of the maps (indices, parameters, cells), of degree one or two; for triangles, barycentric
+            coordinates whose sums are one up to eight roundings.
+        complement: coefficients of one minus the maps; not used for triangles.
     """
     degree = 1 if inner.shape[0] == k + 1 else 2
     if isinstance(shape, Triangles):
@@ -73,11 +73,12 @@ def part_over(k: int, shape: Net | Triangles, inner: Array, complement: Array) -
 
 
 def levels_of(shape: Net | Triangles) -> int:
-    """How many levels of composition the roundings of a part are worth; those of a triangle are fewer than 20."""
+    """Return the levels of composition that cover the roundings of a part; a triangle has fewer than 20 roundings."""
     return 1 if isinstance(shape, Triangles) else sum(shape.degrees)
 
 
 def _part_of_nets(k: int, degree: int, net: Net, inner: Array, complement: Array) -> Simplex:
+    """Compose pieces of nets with maps of cells into their parameters; see `part_over`."""
     points = net.points
     if net.weights is not None:
         points = jnp.concatenate([points * net.weights[..., None], net.weights[..., None]], axis=-1)
@@ -96,7 +97,7 @@ def _part_of_nets(k: int, degree: int, net: Net, inner: Array, complement: Array
 
 
 def bound_between(k: int, part: Simplex, other: Simplex, levels: int, size: Array | float = 1.0) -> Array:
-    """The bounds (cells,) of the distances of two parts at the same places of cells."""
+    """Bound the distances (cells,) between two parts at equal parameters of the cells."""
     e, w = difference(k, part, other)
     e, w = _of_degree_two(k, e), None if w is None else _of_degree_two(k, w)
     n = e.shape[0] - 1
@@ -104,7 +105,7 @@ def bound_between(k: int, part: Simplex, other: Simplex, levels: int, size: Arra
     dtype = e.dtype
     roundings = LEVEL * levels + 2 * len(e) + 16
     off = 2 * math.sqrt(3) * gamma(roundings, dtype) * size
-    # Of the root of this a distance may be off by what is flushed.
+    # Flushed digits move the distance by at most the root of this.
     flushed = 1e3 * math.sqrt(smallest_normal(dtype))
     sizes = jnp.sum(e * e, axis=1)
     close = jnp.tensordot(lowering(k, n, 2).astype(dtype), e, 1)
@@ -131,7 +132,7 @@ def bound_between(k: int, part: Simplex, other: Simplex, levels: int, size: Arra
 
 
 def _of_degree_two(k: int, x: Array) -> Array:
-    """The same polynomials in degree two at least."""
+    """Return the polynomials in a degree of at least two."""
     return x if x.shape[0] > 2 else multiply(k, x, constant(k, 3 - x.shape[0], x))
 
 

@@ -1,7 +1,7 @@
 """Approximate foot maps: from a cell of one shape to the parameters of another shape; nothing is proven here.
 
-A piece of a shape is one of a net, or a triangle, whose parameters are its three barycentric coordinates. Its sides are
-where one of its parameters is zero, or one in a net.
+A piece of a shape is a piece of a net, or a triangle, whose parameters are its three barycentric coordinates. On its
+sides one parameter is zero, or, for a net, one.
 """
 
 from functools import partial
@@ -17,13 +17,13 @@ from jhd._arithmetic.simplices import fitting
 from jhd._distance.cells.pairs import newton_step
 from jhd._distance.normalization.net_jets import Net, jet
 
-# How far towards the middle of a cell the places are whose feet are followed.
+# How far towards the middle of a cell the points lie whose feet are followed.
 INSET = 0.125
-# Newton steps towards the foot of the middle, and from there towards those of the other places.
+# Newton steps towards the foot of the middle, and from there towards the feet of the other points.
 _FIRST, _STEPS = 4, 4
 # How far feet are followed beyond the sides of a piece.
 BEYOND = 0.5
-# Steps of the method of false position towards a place whose foot is on a side, and Newton's in each.
+# Steps of the method of false position towards a point whose foot is on a side, and Newton steps in each.
 _ROOT_STEPS, _STEPS_IN_ROOTS = 7, 3
 
 
@@ -33,32 +33,32 @@ class Triangles(NamedTuple):
     corners: Any
 
     def piece(self, k: Array) -> "Triangles":
-        """One of them, or those of an array of numbers."""
+        """Return the triangle with index `k`, or the triangles with an array of indices."""
         return Triangles(self.corners[k])
 
     @property
     def parameters(self) -> int:
-        """Barycentric coordinates."""
+        """Number of parameters: three barycentric coordinates."""
         return 3
 
 
 def weighted(shares: Array, rows: Array) -> Array:
-    """Sums of rows with shares of them."""
+    """Return the sums of `rows` weighted by `shares`."""
     return jnp.sum(shares[:, :, None] * rows[None], axis=1)
 
 
 def place_on(piece: Net | Triangles, x: Array) -> Array:
-    """The point of a piece at its parameters."""
+    """Return the point of a piece at its parameters `x`."""
     return jnp.sum(x[:, None] * piece.corners, axis=0) if isinstance(piece, Triangles) else jet(piece, x).point
 
 
 def foot_map(places: Array, b: Net | Triangles, start: Array, beyond: Array | float = 0.0) -> Array:
-    """Coefficients (indices, parameters of b) of a quadratic polynomial into the domain of the piece b.
+    """Coefficients (indices, parameters of b) of a quadratic foot map into the domain of the piece b.
 
     Args:
         places: points of a at the inner lattice of the cell, (indices, 3).
         b: the piece.
-        start: its parameters near the foot of the middle.
+        start: parameters of b near the foot of the middle.
         beyond: how far a net is continued beyond its sides.
     """
     matrix = fitting(1 if len(places) == 3 else 2, 2, INSET).astype(places.dtype)
@@ -71,22 +71,22 @@ def foot_map(places: Array, b: Net | Triangles, start: Array, beyond: Array | fl
 
 
 def foot_near(b: Net | Triangles, place: Array, start: Array) -> Array:
-    """Parameters of the foot of a place on a piece, near a start."""
+    """Return the parameters of the foot of `place` on a piece, searched from `start`."""
     return _on_triangle(b.corners, place) if isinstance(b, Triangles) else _newton(b, place, start, _FIRST + _STEPS)
 
 
 def _newton(b: Net, place: Array, start: Array, steps: int, beyond: Array | float = 0.0) -> Array:
-    """Parameters of b about nearest to a place, near a start, and so far beyond its sides at most."""
+    """Return the parameters of b at about the foot of `place`, from `start`, at most `beyond` outside of its sides."""
     return foot_between(b, place, start, steps, -beyond, 1 + beyond)
 
 
 def foot_between(b: Net, place: Array, start: Array, steps: int, low: Array | float, high: Array | float) -> Array:
-    """Parameters between some ends of b about nearest to a place, near a start."""
+    """Return the parameters of b between `low` and `high` at about the foot of `place`, searched from `start`."""
     return jax.lax.fori_loop(0, steps, lambda _, x: _nearer(b, place, x, low, high), start)
 
 
 def _nearer(b: Net, place: Array, x: Array, low: Array | float, high: Array | float) -> Array:
-    """A step of Newton's method between the ends."""
+    """Return x after one step of Newton's method, kept between `low` and `high`."""
     at = jet(b, x)
     e = at.point - place
     slope = jnp.sum(at.first * e, axis=-1)
@@ -97,9 +97,9 @@ def _nearer(b: Net, place: Array, x: Array, low: Array | float, high: Array | fl
 
 
 def _followed(b: Net, places: Array, middle: Array, start: Array, beyond: Array | float) -> Array:
-    """Parameters of the feet of places, from that of their middle on, itself near a start, as _newton finds them.
+    """Return the parameters of the feet of `places`, found from `start` by way of the foot of `middle`.
 
-    All of them go to that of the middle first, side by side: one loop compiles in half the time of two.
+    All first go to the foot of the middle, side by side: one loop compiles in half the time of two.
     """
 
     def step(k: Array, x: Array) -> Array:
@@ -119,7 +119,7 @@ def _in_plane(corners: Array, place: Array) -> Array:
 
 
 def _on_triangle(corners: Array, place: Array) -> Array:
-    """The barycentric coordinates of the nearest point of a triangle: that in its plane, or on the nearest side."""
+    """Return barycentric coordinates of a triangle's nearest point: the foot in its plane, or on the nearest side."""
     inside = _in_plane(corners, place)
     ends = np.array([[0, 1], [1, 2], [2, 0]])
 
@@ -135,22 +135,22 @@ def _on_triangle(corners: Array, place: Array) -> Array:
 
 
 def distance_to(triangle: Triangles, place: Array) -> Array:
-    """The distance of a place from a triangle."""
+    """Return the distance of the point `place` from a triangle."""
     return jnp.sqrt(jnp.sum((place_on(triangle, _on_triangle(triangle.corners, place)) - place) ** 2))
 
 
 def _continued(b: Net | Triangles, place: Array, start: Array, steps: int) -> Array:
-    """The parameters of the foot on the piece continued beyond its sides."""
+    """Return the parameters of the foot on the piece continued beyond its sides."""
     return _in_plane(b.corners, place) if isinstance(b, Triangles) else _newton(b, place, start, steps, BEYOND)
 
 
 def _sides(b: Net | Triangles, x: Array) -> Array:
-    """What is positive inside, zero on a side each."""
+    """Return one number for each side: positive inside the piece and zero on that side."""
     return x if isinstance(b, Triangles) else jnp.concatenate([x, 1 - x])
 
 
 def beyond_sides(b: Net | Triangles, points: Array, start: Array) -> Array:
-    """Where the feet of points are from the sides of a piece, (points, sides)."""
+    """Return how far inside each side of a piece the feet of points are, (points, sides); negative beyond it."""
     if isinstance(b, Triangles):
         return jax.vmap(lambda p: _sides(b, _in_plane(b.corners, p)))(points)
     return jax.vmap(partial(_sides, b))(_followed(b, points, points[-1], start, BEYOND))
@@ -159,15 +159,15 @@ def beyond_sides(b: Net | Triangles, points: Array, start: Array) -> Array:
 def share_on_side(
     a: Net | Triangles, b: Net | Triangles, ends: Array, start: Array, side: Array, values: Array
 ) -> Array:
-    """Which share of the way between two places of a leads to where the foot is on a side of b.
+    """Return the fraction of the way between two points of a at which the foot reaches a side of b.
 
     Args:
-        a: the piece of the places.
-        b: the other one.
-        ends: parameters of the places, (2, parameters).
+        a: the piece with the points.
+        b: the piece with the feet.
+        ends: parameters of the two points, (2, parameters).
         start: parameters of b near the feet.
-        side: which one.
-        values: how far beyond it both are, of different signs.
+        side: index of the side.
+        values: `beyond_sides` of both ends at this side, of different signs.
     """
 
     def value(share: Array) -> Array:

@@ -30,12 +30,12 @@ from jhd._runtime.arrays import varying
 
 # Newton steps for the nodes.
 _STEPS_OF_NODES = 3
-# Graphs that leave their cells by more than so many half sides are not looked at.
+# Graphs that leave their cells by more than this many half sides are not used.
 _TALLEST = 4.0
 
 
 def _nodes() -> tuple[np.ndarray, np.ndarray]:
-    """As many nodes (2, nodes) of the square as there are terms, and the values of all terms there.
+    """Return as many nodes (2, nodes) of the square as there are terms, and the values of all terms at them.
 
     They are Padua points, with which interpolation is about as good as any (Caliari, De Marchi & Vianello 2005).
     """
@@ -70,7 +70,7 @@ class Graph(NamedTuple):
 
 
 class GraphOver(NamedTuple):
-    """Places (3, cells * nodes) near a at the nodes, its graph, and its polynomial there."""
+    """Points (3, cells * nodes) near a at the nodes, its graph, and its polynomial on the graph."""
 
     places: Array
     graph: Graph
@@ -85,14 +85,14 @@ def graph_over(form_a: Form, a: Side, cells: Boxes) -> GraphOver:
 
 
 def values_on_graph(on: OnPiece) -> Array:
-    """As `values_over` for the piece of a graph, whose first two variables are s and t."""
+    """Bounds as in `values_over` for the piece of a graph, whose first two variables are s and t."""
     height = jax.tree_util.tree_map(lambda x: x[..., 2, :], on.variables)
     found = composed_on_graph(on.local, height, jnp.max(on.variables.rest[:2], axis=0))
     return found.size * (1 + gamma(64, on.local.dtype)) + on.form.error
 
 
 def values_over(on: OnPiece) -> Array:
-    """Bounds (cells,) of the absolute values of a polynomial where polynomials are put into it."""
+    """Bounds (cells,) of the absolute values of a polynomial composed with the polynomials of its variables."""
     return composed(on.local, on.variables).size * (1 + gamma(64, on.local.dtype)) + on.form.error
 
 
@@ -125,7 +125,7 @@ def _sorted(x: Array, order: Array) -> Array:
 
 
 def _places(form_a: Form, a: Side, cells: Boxes, order: Array) -> tuple[Array, Array]:
-    """About points of a over the nodes, (3, cells, nodes), and the coefficients of their heights in half sides."""
+    """Approximate points of a over the nodes, (3, cells, nodes), and coefficients of their heights in half sides."""
     center, half, slope = (_sorted(x, order)[..., None] for x in (cells.center, cells.half, form_a.slope))
     s, t = NODES.astype(half.dtype)
     axis = order[2][:, None]
@@ -155,7 +155,7 @@ def _graph(a: Side, cells: Boxes, order: Array, height: Array) -> tuple[Graph, O
     wide = cells._replace(half=jnp.where(jnp.arange(3)[:, None] == order[2], tall * cells.half, cells.half))
     f = form(a, wide)
     local = jnp.stack([jnp.moveaxis(f.local, k, 2) for k in range(3)])
-    # Moving one axis to the end leaves the order of the others, which is that of s and t but for the middle axis.
+    # After one axis moves to the end, the others keep their order: s and t, except for the middle axis.
     local = local.at[1].set(jnp.swapaxes(local[1], 0, 1))
     local = jnp.take_along_axis(local, order[2].reshape(1, 1, 1, 1, -1), axis=0)[0]
     zero = jnp.zeros_like(height)
@@ -166,7 +166,7 @@ def _graph(a: Side, cells: Boxes, order: Array, height: Array) -> tuple[Graph, O
 
 
 def rates(f: Form, cells: Boxes) -> tuple[Array, Array]:
-    """Bounds (3, cells) of the absolute values of the derivatives over cells: least, zero at least, and most."""
+    """Lower bounds, at least 0, and upper bounds (3, cells) of the absolute derivatives over cells."""
     dtype = f.slope.dtype
     size = jnp.abs(f.slope)
     loose = slope_changes(f) + f.error * sum(f.local.shape[:3]) + gamma(16, dtype) * size
@@ -175,7 +175,7 @@ def rates(f: Form, cells: Boxes) -> tuple[Array, Array]:
 
 
 def beside_graph(graph: Graph, on: OnPiece, most: Array) -> Array:
-    """How far points of a in cells are from P, where |f(P)| is at most so large."""
+    """Bound the distance of points of a in cells from P, if |f(P)| is at most `most`."""
     least = jnp.take_along_axis(on.slowest, graph.order[2][None], axis=0)[0]
     away = most / jnp.where(least > 0, least, 1.0) * (1 + gamma(8, most.dtype))
     return jnp.where((least > 0) & (graph.tall <= _TALLEST), away, jnp.inf)

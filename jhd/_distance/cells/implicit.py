@@ -23,12 +23,12 @@ from jhd._distance.normalization.surfaces import Side
 
 
 def parameters(shape: Net | Side) -> int:
-    """The number of parameters of a cell."""
+    """Number of parameters of a cell."""
     return 3 if isinstance(shape, Side) else shape.parameters
 
 
 def size_of(shape: Net | Side) -> Array:
-    """The largest coordinate."""
+    """Largest absolute coordinate of the shape or of its box."""
     if isinstance(shape, Side):
         return jnp.maximum(jnp.max(jnp.abs(shape.lower)), jnp.max(jnp.abs(shape.upper)))
     return jnp.max(jnp.abs(shape.points))
@@ -65,7 +65,7 @@ class At(NamedTuple):
 
 
 def shape_at(shape: Net | Side, part: Any, low: Array, width: Array, x: Array) -> At:
-    """A shape at a place x of [0, 1]^n in the cell from `low` on, not enclosed."""
+    """Evaluate a shape, not enclosed, at the point x of [0, 1]^n in the cell that starts at `low`."""
     if not isinstance(shape, Side):
         j = jet(part, x)
         return At(j.point, j.first, j.second, None, None, None)
@@ -76,7 +76,7 @@ def shape_at(shape: Net | Side, part: Any, low: Array, width: Array, x: Array) -
 
 
 def shape_over(shape: Net | Side, part: Any, low: Array, high: Array) -> Local:
-    """A shape over a cell."""
+    """Enclose a shape over a cell."""
     if not isinstance(shape, Side):
         size = size_of(shape)
         j = enclosed(part, eta(shape) * size, eta(shape))
@@ -103,8 +103,8 @@ def polynomial_at(shape: Side, x: Array) -> tuple[Ball, Ball]:
 def _with_errors(shape: Side, ranges: Interval, far: Array) -> Ball:
     """Balls of the first rows of the table of derivatives, from ranges (rows, 1) for its computed coefficients.
 
-    The errors of the coefficients, and the roundings of those of the derivatives, move a value by no more than their
-    terms add up to where the coordinates are as large as they can be.
+    The errors of the coefficients, and the roundings of the derivatives' coefficients, move a value by at most the sum
+    of their terms at the largest coordinates.
     """
     balls = between(ranges.lower[:, 0], ranges.upper[:, 0])
     rounded = gamma(8, far.dtype) * jnp.abs(jnp.asarray(shape.coefficients))
@@ -113,7 +113,7 @@ def _with_errors(shape: Side, ranges: Interval, far: Array) -> Ball:
 
 
 def between(lower: Array, upper: Array) -> Ball:
-    """The ball of an interval."""
+    """Return the ball of an interval."""
     mid = 0.5 * lower + 0.5 * upper
     size = jnp.maximum(jnp.abs(lower), jnp.abs(upper))
     return Ball(mid, (0.5 * upper - 0.5 * lower) + gamma(8, mid.dtype) * size + 16 * smallest_normal(mid.dtype))

@@ -1,8 +1,8 @@
 """Bounds of the distance over pairs of cells, if one or both of the shapes are implicit surfaces.
 
 A cell of an implicit surface is a part of its box. With F = |p - q|^2 / 2 and the polynomials f_k that vanish on the
-surfaces, every L = F - sum l_k f_k + sum r_k f_k^2 / 2 has the values of F where the distance is taken, whatever the
-numbers l_k and r_k >= 0 are. So over a cell
+surfaces, every L = F - sum l_k f_k + sum r_k f_k^2 / 2 has the values of F on the surfaces, for any numbers l_k and
+r_k >= 0. So over a cell
 
     F >= L(z) + sum g_i (x_i - z_i) + (1/2) sum h_ij (x_i - z_i) (x_j - z_j)
 
@@ -50,10 +50,10 @@ from jhd._distance.normalization.surfaces import Side
 
 # Steps of Newton's method on the Lagrange system of a cell.
 _STEPS = 8
-# The share of the quadratic terms: in the steps, where it makes them keep to the surfaces, and in the bounds.
+# The weight of the quadratic terms: in the steps, where they keep the iterates near the surfaces, and in the bounds.
 _STIFF, _CONVEX = 1e5, 30.0
 _THINNEST = 16
-# A step leads to a surface where it leaves this share of what its polynomial changes by in the cell.
+# A step leads to a surface if it leaves at most this fraction of its polynomial's change in the cell.
 _MET = 1e-3
 # Steps of Newton's method back onto a surface.
 _BACK = 3
@@ -64,16 +64,16 @@ class WithSurface(NamedTuple):
 
     a: Net | Side
     b: Net | Side
-    # What rounding may leave, in errors of points: much where points are proven by signs of enclosures.
+    # Allowance for rounding, in errors of points; large if points are proven by signs of enclosures.
     room: Array | float = 64.0
 
     def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
+        """Return the bounds over one pair of cells."""
         return _bound(self.a, self.b, cell)
 
     @property
     def floor(self) -> Array:
-        """The gap that rounding leaves."""
+        """Gap that rounding leaves."""
         return self.room * (error_of(self.a) + error_of(self.b))
 
 
@@ -115,7 +115,7 @@ def _ratio(x: Array, y: Array) -> Array:
 
 
 class _LagrangePlace(NamedTuple):
-    """A place in a cell, in [0, 1]^n, with multipliers; and the parts of both shapes that the cell names."""
+    """A point in a cell, in [0, 1]^n, with multipliers; and the parts of both shapes that the cell names."""
 
     z: Array
     multipliers: Array
@@ -131,7 +131,7 @@ def _there(a: Net | Side, b: Net | Side, parts: tuple[Any, Any], cell: Cell, z: 
 
 
 def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: int = _STEPS) -> _LagrangePlace:
-    """Where the Lagrange system is about solved within a cell, its sides as constraints; nothing is proven."""
+    """Solve the Lagrange system approximately in a cell, its sides as constraints; nothing is proven."""
     n = parameters(a)
     parts = _part(a, cell.piece_a, cell.low[:n], cell.high[:n]), _part(b, cell.piece_b, cell.low[n:], cell.high[n:])
 
@@ -148,7 +148,7 @@ def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: in
         move = jnp.clip(x + newton_step(gradient, bent, held), 0.0, 1.0) - x
         left = now.values + now.slopes @ move
         met = jnp.abs(left) <= _MET * jnp.sum(jnp.abs(now.slopes), axis=-1)
-        # Where the sides of the cell hold the place off the surface, what is left of the polynomial tells nothing.
+        # If the sides of the cell hold the point off the surface, the remaining value of the polynomial tells nothing.
         return x + move, jnp.where(met, multipliers - stiff * left, _multipliers(now, x >= 0))
 
     first = _lagrange(*_there(a, b, parts, cell, start))
@@ -159,6 +159,7 @@ def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: in
 
 
 def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> PairBound:
+    """Return the bounds over one pair of cells: lower ones of the module, an upper one by proven points."""
     n, dtype, width = parameters(a), cell.low.dtype, cell.high - cell.low
     place = stationary(a, b, cell, jnp.full(cell.low.shape, 0.5, dtype))
     local = (
@@ -176,7 +177,7 @@ def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> PairBound:
 
 
 def _of_boxes(apart: Ball) -> Array:
-    """The gap of the boxes of both parts."""
+    """Lower bound: the gap between the boxes of both parts."""
     gaps = jnp.maximum(jnp.maximum(apart.lower, -apart.upper), 0.0)
     return length(gaps) * (1 - gamma(12, gaps.dtype))
 
@@ -184,7 +185,7 @@ def _of_boxes(apart: Ball) -> Array:
 def _of_second_order(
     a: Net | Side, b: Net | Side, cell: Cell, place: _LagrangePlace, over: "_Stacked", apart: Ball
 ) -> Array:
-    """The larger of the bounds by F and by the unit vector that joins the points; see the module."""
+    """Return the larger of the bounds by F and by the unit vector that joins the points; see the module."""
     z, n, dtype = place.z, parameters(a), cell.low.dtype
     there = _there(a, b, place.parts, cell, z)
     now = _lagrange(*there)
@@ -206,7 +207,7 @@ def _of_second_order(
 def _excluded(
     a: Net | Side, b: Net | Side, cell: Cell, local: tuple[Local, Local], over: "_Stacked", apart: Ball
 ) -> Array:
-    """Whether the cell is proven to hold no nearest pair."""
+    """Return whether the cell is proven to hold no nearest pair."""
     n, low, high = parameters(a), cell.low, cell.high
     out = jnp.zeros((), bool)
     naive = dot(over.first, Ball(apart.mid[None], apart.rad[None]))
@@ -229,7 +230,7 @@ def _part(shape: Net | Side, k: Array, low: Array, high: Array) -> Any:
 class _Tight(NamedTuple):
     """Balls at one point, in all parameters: difference, first derivatives, polynomials and their slopes.
 
-    `shift` bounds how far the parameters are from those that the point was computed for.
+    `shift` bounds the distance of the parameters from the ones at which the point was computed.
     """
 
     e: Ball
@@ -240,7 +241,7 @@ class _Tight(NamedTuple):
 
 
 def _pointwise(a: Any, b: Any, at: tuple[At, At], place: Array, n: int, parts: tuple[Any, Any]) -> _Tight:
-    """Balls at the point, for polynomials by their enclosure there."""
+    """Balls at the point `place`; polynomials are enclosed there."""
     points, firsts, values, slopes, shifts = [], [], [], [], []
     total = place.shape[0]
     for shape, here, span, part in zip((a, b), at, (slice(0, n), slice(n, None)), parts, strict=True):
@@ -281,6 +282,7 @@ class _Stacked(NamedTuple):
 
 
 def _stacked(local: tuple[Local, Local], n: int) -> _Stacked:
+    """Gather the derivatives and polynomials of both shapes over a cell in all parameters."""
     a, b = local
     total = n + b.first.mid.shape[0]
     first = joined(a.first, b.first)
@@ -344,7 +346,7 @@ def _outer_square(x: Ball) -> Ball:
 
 
 def _not_parallel(shape: Side, side: Local, apart: Ball, low: Array, high: Array) -> Array:
-    """Whether p - q and the gradient are proven not to be parallel, in coordinates that no face of the box holds."""
+    """Return whether p - q and the gradient are proven not parallel, in coordinates that no face of the box holds."""
     if side.slope is None:
         return jnp.zeros((), bool)
     inside = (low > jnp.asarray(shape.lower)) & (high < jnp.asarray(shape.upper))
@@ -355,7 +357,7 @@ def _not_parallel(shape: Side, side: Local, apart: Ball, low: Array, high: Array
 
 
 def _proven(a: Net | Side, b: Net | Side, cell: Cell, place: _LagrangePlace) -> tuple[Array, Array, Array]:
-    """An upper bound of the distance by points proven near a place, where they are, and how far they are apart."""
+    """Upper bound of the distance by points proven near `place`, their parameters (or coordinates) and distance."""
     n, places = parameters(a), cell.low + place.z * (cell.high - cell.low)
     radii, moved = [], []
     for shape, span in ((a, slice(0, n)), (b, slice(n, None))):
@@ -376,5 +378,5 @@ def _proven(a: Net | Side, b: Net | Side, cell: Cell, place: _LagrangePlace) -> 
 
 
 def joined_upper(distance: Array, radii: Array) -> Array:
-    """The upper bound that two points give which are proven within these radii."""
+    """Upper bound by two points that are proven within these radii."""
     return distance * (1 + gamma(16, distance.dtype)) + jnp.sum(radii) * (1 + gamma(4, distance.dtype))

@@ -16,8 +16,8 @@ of the box the lines run along the part of n in the face, so they never leave th
 face, they may cross it, since a zero beyond it is no nearer than the face. Points that are outside the box by rounding
 count as moved to its border.
 
-Rounding: control points of a part are off by eta (jhd._distance.normalization.net_jets) in each coordinate, the fit is
-whatever it is, and a residual takes three roundings; forms have their own bounds (jhd._distance.nearest.forms).
+Rounding: control points of a part are off by eta (jhd._distance.normalization.net_jets) in each coordinate, the fit
+needs no proof, and a residual takes three roundings; forms have their own bounds (jhd._distance.nearest.forms).
 """
 
 import math
@@ -34,9 +34,9 @@ from jhd._distance.nearest.target import Flats
 from jhd._distance.normalization.net_jets import Net, eta, jet, part_of
 from jhd._distance.normalization.surfaces import Side
 
-# Room for the curvature of the surface beside the parallelogram, as a multiple of what a first look says.
+# Room for the curvature of the surface near the parallelogram, as a multiple of the first estimate.
 _ROOM = 2.0
-# The room in any case, as a share of the parallelogram, and in roundings of a coordinate of one.
+# The least room, as a fraction of the parallelogram, and in roundings of a coordinate of one.
 _MARGIN, _THICK = 2.0**-6, 2**10
 
 
@@ -47,7 +47,7 @@ def of_points(points: Array, error: Any) -> Flats:
 
 
 def beside_net(net: Net, piece: Array, x: Array, corners: Array) -> Flats:
-    """A part of a piece near the place x, where the corners (corners, 3) of a cell project to."""
+    """Return the flat piece near the part of a piece, around parameters x, onto which the cell's corners project."""
     part = net.piece(piece)
     at = jet(part, x)
     apart = corners - at.point
@@ -59,7 +59,7 @@ def beside_net(net: Net, piece: Array, x: Array, corners: Array) -> Flats:
     low, high = (jnp.clip(x + f(steps, axis=0), 0.0, 1.0) for f in (jnp.min, jnp.max))
     points = part_of(part, low, high).points
     p, q = net.degrees
-    # Of degree zero there is one place, in the middle.
+    # In degree zero there is one parameter, in the middle.
     shares = [((np.arange(k + 1) - 0.5 * k) / max(k, 1)).astype(points.dtype)[:, None] for k in (p, q)]
     u, v = shares[0][:, :, None], shares[1][None]
     first, second = (jnp.sum(s * points, axis=(0, 1)) / _sum_of_squares(s, points) for s in (u, v))
@@ -74,12 +74,12 @@ def beside_net(net: Net, piece: Array, x: Array, corners: Array) -> Flats:
 
 
 def _sum_of_squares(shares: np.ndarray, points: Array) -> Any:
-    """Of as many rows as there are control points; one where that is zero."""
+    """Sum of squares over as many rows as there are control points; one if that is zero."""
     return np.sum(np.broadcast_to(shares, (*points.shape[:2], 1)) ** 2) or 1.0
 
 
 def _coordinates(apart: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """The coordinates of vectors (points, 3) along two others, as far as these have directions of their own."""
+    """Coordinates of vectors (points, 3) along two others; one by one if these are nearly parallel."""
     aa, bb, ab = (jnp.sum(x * y) for x, y in ((a, a), (b, b), (a, b)))
     xa, xb = jnp.sum(apart * a, axis=-1), jnp.sum(apart * b, axis=-1)
     determinant = aa * bb - ab * ab
@@ -91,10 +91,10 @@ def _coordinates(apart: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def beside_surface(side: Side, feet: Array, radius: Array, corners: Array) -> Flats:
-    """Parallelograms in the tangent planes at feet (feet, 3), where the corners (corners, 3) of a cell project to."""
+    """Parallelograms in the tangent planes at feet (feet, 3) onto which a cell's corners (corners, 3) project."""
     slope = jnp.moveaxis(slopes(jnp.asarray(side.coefficients), feet.T)[1], -1, 0).reshape(feet.shape)
     square = jnp.sum(slope**2, axis=-1, keepdims=True)
-    # Where the gradient vanishes there is no tangent plane; any direction is true, and proves nothing there.
+    # If the gradient vanishes there is no tangent plane; any direction is valid, and proves nothing.
     some = square > 0
     normal = jnp.where(some, slope / jnp.sqrt(jnp.where(some, square, 1.0)), jnp.eye(3, dtype=feet.dtype)[0])
     least = jnp.eye(3, dtype=feet.dtype)[jnp.argmin(jnp.abs(normal), axis=-1)]
@@ -106,13 +106,13 @@ def beside_surface(side: Side, feet: Array, radius: Array, corners: Array) -> Fl
     (s0, s1), (t0, t1) = ((jnp.min(x, axis=1)[:, None], jnp.max(x, axis=1)[:, None]) for x in ends)
     flats = Flats(feet + s0 * along + t0 * across, (s1 - s0) * along, (t1 - t0) * across, radius)
     sag = _sag(side, flats, normal, jnp.zeros_like(radius))
-    # Where the parallelogram leaves the box a look at a larger one is not needed.
+    # If the parallelogram leaves the box, a larger one need not be tried.
     sag = _sag(side, flats, normal, _ROOM * jnp.where(jnp.isfinite(sag), sag, 0.0))
     return flats._replace(sag=sag)
 
 
 def _sag(side: Side, flats: Flats, normal: Array, thickness: Array) -> Array:
-    """Within which the surface is proven at all points of the pieces; infinite unless it is within the thickness."""
+    """Distance within which the pieces are proven to have surface points; infinite if it exceeds `thickness`."""
     o, a, b = flats.origin, flats.first, flats.second
     vertices = jnp.stack([o, o + a, o + b, o + a + b], axis=1)
     dtype = o.dtype

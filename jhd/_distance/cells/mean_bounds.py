@@ -17,17 +17,17 @@ its mean is at least the mean of l.
 **Above.** Flat pieces F, each of whose points has a point of b within sag (jhd._distance.nearest.target), give the
 convex function f(x) = d(x, F) + sag. Over the cell it is at most the affine function u with its values at the corners:
 at most the largest of them, and its mean is at most their mean, because on average the points weight all corners
-equally. The points of a polynomial part are such means of its control points, so the control points take the place of
-the corners, here and in the bounds from below by pieces. If F is the foot q of c, the mean of the squares is
-|c - q|^2 + W itself.
+equally. The points of a polynomial part are such means of its control points, so the control points replace the
+corners, here and in the bounds from below by pieces. If F is the foot q of c, the mean of the squares is |c - q|^2 + W
+itself.
 
 **Between.** Over points, segments and triangles that are spread evenly, l <= d <= u bounds the mean of the square, and
 the fractions in which d is at most some level (jhd._distance.cells.affine). Over a face, between the walls of the prism
 over it and on one side of its plane, d is the distance to the plane, and both l and u are d itself, up to rounding. So
-cells are best cut by the walls and the planes. The planes are those of the faces that are nearest to the middle of a
-cell. No proof depends on them: any cut is valid.
+cells are best cut by the walls and the planes. The planes hold the faces that are nearest to the middle of a cell. No
+proof depends on them: any cut is valid.
 
-Rounding: sizes are at most `size`, and gamma(64) of it is more than the roundings of a sum of a few lengths.
+Rounding: sizes are at most `size`, and gamma(64) `size` exceeds the roundings of a sum of a few lengths.
 """
 
 from collections.abc import Callable
@@ -43,35 +43,36 @@ from jhd._distance.cells.normal_offset_bounds import HeightBounds, unknown_bound
 from jhd._distance.nearest.target import AbstractTarget, ConvexPieces, Flats, ProvenFeet
 from jhd._runtime.arrays import taken
 
-# The mean of |x - c|^2 as a share of the sum over the corners; by their number.
+# The mean of |x - c|^2 divided by the sum over the corners, by the number of corners.
 _SPREAD = {1: 0.0, 2: 1 / 6, 3: 1 / 12, 4: 1 / 12}
-# Far points are looked for this far away at first; no round number, since at centers of circles and spheres nearest
-# points are hard to prove. Where one serves and more would be gained, this many times as far away, but no farther than
-# that: coordinates are at most one.
+# The first distance at which far points are tried; no round number, since nearest points of centers of circles and
+# spheres are hard to prove. If one serves and more can be gained, the distance grows by this factor, up to the limit:
+# coordinates are at most one.
 NEAR, _FARTHER, _FARTHEST = 0.0437, 4.0, 4.0
-# More is gained where what is lost is more than this share of what may stay.
+# More can be gained if the loss exceeds this fraction of the gap that may remain.
 _GAIN = 0.1
-# What bounds of far points may leave, as a share of that.
+# The gap that bounds of far points may leave, as a fraction of the loss.
 _SMALL_PART = 0.25
 _ROUNDINGS = gamma(64, np.float64)
-# Faces as near as this to the nearest one, relative to its distance, share an edge or a corner that is the nearest.
+# Faces as near as this to the nearest one, relative to its distance, have a common edge or corner that is nearest.
 _TIED = 1e-9
-# A plane is worth a cut where it explains this share of what a cell leaves open, and if it takes off more than this
-# share of the length of its longest edge; cells as short as that are cut in their middles.
+# A plane is worth a cut if it explains this fraction of the gap of a cell, and if it cuts off more than this fraction
+# of the length of its longest edge; cells as short as that are cut in their middles.
 _WORTH, _THINNEST, _SHORT = 0.125, 2.0**-20, 2.0**-24
 
 
 class OverCells(NamedTuple):
-    """Bounds over cells, and what serves their parts.
+    """Bounds over cells, and data for the bounds of their parts.
 
     Args:
-        lower: of the distance, everywhere.
-        upper: likewise.
+        lower: lower bound of the distance, everywhere.
+        upper: upper bound of the distance, everywhere.
         mean: bounds (cells, 2) of its mean.
         square: bounds (cells, 2) of the mean of its square.
-        reach: how far away the far point is that served; negative where farther ones do not.
-        ends: values at the corners of two affine functions of the parameters that the distance is between.
-        parting: those of one along whose zeros the cell is best cut; zeros where there is none.
+        reach: distance of the far point that served; negative if farther ones do not help.
+        ends: values at the corners of two affine functions of the parameters, between which the distance lies.
+        parting: values at the corners of an affine function; the cell is best cut along its zeros. All are zero if
+            there is no such cut.
     """
 
     lower: Float[np.ndarray, " cells"]
@@ -106,16 +107,15 @@ def distances_over(
 
     Args:
         cells: the cells.
-        target: in the same coordinates.
-        dtype: that the target takes points in.
-        reach: how far away far points are looked for, for each cell; negative where farther ones did not serve.
-        goal: a gap that may stay.
-        heights: bounds by heights of the cells themselves, from feet near their middles and upper bounds, where there
-            are such.
+        target: the other shape, in the coordinates of the cells.
+        dtype: the type of the points that the target takes.
+        reach: how far away far points are tried, for each cell; negative if farther ones did not help.
+        goal: a gap that may remain.
+        heights: computes bounds by heights from the cells, feet near their middles, and upper bounds; None without.
     """
     # Bounds below are for the exact number that each point is.
     middle = np.mean(cells.corners, axis=1).astype(dtype)
-    # Copies: what a program gives may not be written to.
+    # Copies: the arrays returned by a compiled function are read-only.
     found = ProvenFeet(*(np.array(x) for x in target.near(middle)))
     size = np.max(np.abs(cells.corners), axis=(1, 2)) + _FARTHEST
     room = 4 * _ROUNDINGS * size + 4 * np.finfo(dtype).eps * size
@@ -123,7 +123,8 @@ def distances_over(
     known = unknown_bounds(len(middle)) if heights is None else heights(cells, found, above.most)
     least, least_mean, after = np.zeros(len(middle)), np.zeros(len(middle)), reach.copy()
     below, pieces = np.full(cells.controls.shape[:2], -np.inf), None
-    # What leaves more open than far points would is no valley, as about the end of a curve that is continued.
+    # If this leaves a larger gap than far points would, it is no valley, for example around the end of a curve that is
+    # continued.
     left = np.fmin(known.most_mean, above.mean) - known.least_mean
     spread = _share(cells.corners) * _scatter(cells.corners)
     expected = np.minimum(spread / (2 * np.abs(reach)), np.sqrt(spread)) + _GAIN * goal
@@ -134,7 +135,7 @@ def distances_over(
         off = (cells.off + room)[rows, None]
         below[rows] = _beside_pieces(cells.controls[rows], middle[rows], found.take(rows), pieces) - off
         least, least_mean = (np.maximum(f(below, axis=1), 0.0) for f in (np.min, np.mean))
-        # Where these leave as little, far points say no more.
+        # If these leave as small a gap, far points do not help.
         rows = rows[(above.mean - least_mean)[rows] > expected[rows]]
     if len(rows):
         some, near = cells.take(rows), found.take(rows)
@@ -161,12 +162,12 @@ def distances_over(
 
 
 def _are_simplices(cells: FlatCells) -> bool:
-    """Whether the controls are corners of points, segments or triangles."""
+    """Return whether the controls are the corners of points, segments or triangles."""
     return cells.corners.shape[1] <= 3 and cells.controls.shape == cells.corners.shape
 
 
 def _ends(cells: FlatCells, whole: tuple[np.ndarray, np.ndarray], affine: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Values at the corners of affine functions that bound the distance, constant ones where no others are known."""
+    """Return values at the corners of affine functions that bound the distance; constants if no others are known."""
     constant = [np.repeat(x[:, None], cells.corners.shape[1], axis=1) for x in whole]
     if not _are_simplices(cells):
         return np.stack(constant, axis=2)
@@ -181,12 +182,12 @@ def _lower(
     found: ProvenFeet,
     reached: tuple[np.ndarray, float],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lower bounds over flat cells and of the means, and how far away the points were; mends the feet."""
+    """Lower bounds over flat cells and of the means, and distances of the points that gave them; improves the feet."""
     corners, (reach, goal) = cells.corners, reached
     least, least_mean, after = _below(corners, target, middle, found, reached)
     doubtful = np.flatnonzero((after < 0) & (np.abs(after) < np.abs(reach)))
     if len(doubtful) and not target.sharp:
-        # What is near may be far from the nearest.
+        # A near foot may be much farther away than the nearest one.
         _put(found, doubtful, target.nearest(middle[doubtful]))
         mended = taken(found, doubtful)
         again = _below(corners[doubtful], target, middle[doubtful], mended, (reach[doubtful], goal))
@@ -198,7 +199,7 @@ def _lower(
 
 
 def _weighed(uneven: np.ndarray, even: HeightBounds) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The bounds for points that are spread unevenly: half the unevenness of the range may be off."""
+    """Bounds for points that are spread unevenly, which may be off by half the unevenness times the range."""
     lower, upper = even.least, even.most
     with np.errstate(invalid="ignore"):
         off = np.where(uneven > 0, 0.5 * uneven * (upper - lower), 0.0) * (1 + _ROUNDINGS)
@@ -219,7 +220,7 @@ def _below(
     found: ProvenFeet,
     reached: tuple[np.ndarray, float],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lower bounds over the cells and of the means, and how far away the point was that gave these."""
+    """Lower bounds over the cells and of the means, and the distance of the point that gave the latter."""
     away = middle.astype(np.float64) - np.where(np.isfinite(found.foot), found.foot, middle)
     length = np.sqrt(np.sum(away**2, axis=1))
     normal = np.where((length > 0)[:, None], away / np.where(length > 0, length, 1.0)[:, None], _across(corners))
@@ -241,14 +242,14 @@ def _below(
 def _pieces_near(
     controls: np.ndarray, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet
 ) -> ConvexPieces | None:
-    """All convex pieces that may be nearest to a point of each cell, where there are few."""
+    """Return all convex pieces that may be nearest to a point of a cell; None if there are too many."""
     spread = np.max(np.sqrt(np.sum((controls - middle[:, None]) ** 2, axis=2)), axis=1)
-    # What is farther from the middle is not the nearest of any point of the cell.
+    # A piece farther than this from the middle is not nearest to any point of the cell.
     return target.pieces_within(middle, (found.upper + 2 * spread) * (1 + _ROUNDINGS))
 
 
 def _beside_pieces(controls: np.ndarray, middle: np.ndarray, found: ProvenFeet, pieces: ConvexPieces) -> np.ndarray:
-    """Values (cells, controls) of a concave function below the distance, minus infinity where there are no pieces."""
+    """Values (cells, controls) of a concave lower bound of the distance; minus infinity without pieces."""
     least = np.full(controls.shape[:2], np.inf)
     held, over = pieces.corners.astype(np.float64), controls[pieces.who]
     places = middle[pieces.who].astype(np.float64)
@@ -269,7 +270,7 @@ def _beside_pieces(controls: np.ndarray, middle: np.ndarray, found: ProvenFeet, 
 
 
 def _towards(points: np.ndarray, feet: np.ndarray) -> np.ndarray:
-    """Vectors from feet to points, of length one and no longer; zero where they are the same."""
+    """Vectors from feet to points, divided by their lengths, at most one long; zero if both are equal."""
     away = points.astype(np.float64) - np.where(np.isfinite(feet), feet, points)
     length = np.sqrt(np.sum(away**2, axis=1, keepdims=True)) * (1 + _ROUNDINGS)
     return np.where(length > 0, away / np.where(length > 0, length, 1.0), 0.0)
@@ -281,9 +282,10 @@ def _put(found: ProvenFeet, rows: np.ndarray, others: ProvenFeet) -> None:
 
 
 def _close(lost: np.ndarray, goal: float) -> float:
-    """How near the bounds of the distances of far points are to be: a small part of what most cells lose anyhow.
+    """Tolerance for the bounds of far points' distances: a small part of the loss of most cells.
 
-    From about the center of what is round all of it is as near, and to prove the last digits takes very many cells.
+    From near the center of a round shape all of its points are equally near, and proving the last digits takes very
+    many cells.
     """
     return _SMALL_PART * max(float(np.median(lost)), goal)
 
@@ -300,17 +302,17 @@ def _seen_from(
 
 
 def _scatter(corners: np.ndarray) -> np.ndarray:
-    """The mean of |v_i - c|^2 over the corners."""
+    """Mean of |v_i - c|^2 over the corners."""
     return np.mean(np.sum((corners - np.mean(corners, axis=1, keepdims=True)) ** 2, axis=2), axis=1)
 
 
 def _share(corners: np.ndarray) -> float:
-    """W as a share of the mean over the corners."""
+    """Ratio of W to the mean over the corners."""
     return _SPREAD[corners.shape[1]] * corners.shape[1]
 
 
 def _across(corners: np.ndarray) -> np.ndarray:
-    """A unit vector across each flat cell; some direction where it has no area."""
+    """Return a unit vector normal to each flat cell; some unit vector if the cell has no area."""
     if corners.shape[1] < 3:
         return np.broadcast_to(np.array([0.0, 0.0, 1.0]), (len(corners), 3))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -336,7 +338,7 @@ def _above(cells: FlatCells, target: AbstractTarget, middle: np.ndarray, found: 
 
 
 def _beside(corners: np.ndarray, flats: Flats, triangles: bool) -> np.ndarray:
-    """Upper bounds of f at the corners (cells, flats, corners), from points of the pieces about nearest to them."""
+    """Upper bounds of f at the corners (cells, flats, corners), from approximate nearest points of the pieces."""
     origin, first, second, sag = (np.asarray(x, np.float64) for x in flats)
     apart = corners[:, None] - origin[:, :, None]
     aa, bb, ab = (np.sum(x * y, axis=-1)[..., None] for x, y in ((first, first), (second, second), (first, second)))
@@ -374,7 +376,7 @@ def partings(
     pieces: ConvexPieces,
     left: Float[np.ndarray, " cells"],
 ) -> Float[np.ndarray, "cells corners"]:
-    """The heights of the corners of cells above the plane by which each is best cut; zeros where there is none."""
+    """Heights of the cells' corners above the plane that cuts each cell best; zeros if there is none."""
     parting = np.zeros(corners.shape[:2])
     away = _length(middle[pieces.who] - pieces.foot)
     near = found.upper[pieces.who] * (1 + _TIED) + _TIED * _SHORT

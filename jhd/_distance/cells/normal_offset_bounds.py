@@ -2,7 +2,7 @@
 
 A cell is a segment or triangle of parameters u of one piece of a. On a piece of b, which may be continued a little, let
 sigma follow the feet (jhd._distance.cells.foot_maps), e = a - b(sigma), n a unit vector across b near the cell, s = n.e
-the height of a point, and t = e - s n. All are polynomials, whose means are those of their Bernstein coefficients.
+the height of a point, and t = e - s n. All are polynomials; the mean of each is the mean of its Bernstein coefficients.
 
 **Above.** If sigma stays on the piece, d <= |e| <= |s| + min(|t|, |t|^2 / (2 |s|)).
 
@@ -22,8 +22,8 @@ On rational shapes e = E / w. With l a polynomial of degree one close to w and c
 
 a polynomial and an error of second order relative to e.
 
-Rounding, for coordinates of at most one: E and w are off by what jhd._distance.cells.foot_map_bounds says, times
-`growth` where parameters are up to x beyond the sides: then the factors 1 - v and v of a level have the sum 1 + 2 x of
+Rounding, for coordinates of at most one: E and w are off by the errors in jhd._distance.cells.foot_map_bounds, times
+`growth` if parameters are up to x beyond the sides: then the factors 1 - v and v of a level have the sum 1 + 2 x of
 absolute values, and so have the terms. Balls enclose the rest.
 """
 
@@ -52,13 +52,13 @@ from jhd._distance.normalization.net_jets import Net, enclosed, eta, jet, part_o
 
 
 class Heights(NamedTuple):
-    """The vector from a piece of b to a over cells, (indices, cells) or (cells,).
+    """Components of the vector from a piece of b to a over cells, (indices, cells) or (cells,).
 
     Args:
         height: coefficients of s.
         aside: bound of |t|.
         aside_sq: bound of the mean of |t|^2.
-        error: bound of what both may be off by.
+        error: bound of the error of both.
     """
 
     height: Array
@@ -72,8 +72,8 @@ class Valley(NamedTuple):
 
     Args:
         steep: bound of the first derivatives of b.
-        tilt: that of their components along n, near sigma.
-        modulus: a lower bound of the second derivatives of half the squared distance; not positive where it is unknown.
+        tilt: bound of their components along n, near sigma.
+        modulus: a lower bound of the second derivatives of half the squared distance; not positive if none is known.
     """
 
     steep: Array
@@ -82,15 +82,15 @@ class Valley(NamedTuple):
 
 
 class HeightBounds(NamedTuple):
-    """Bounds over cells, for points that are spread evenly over their parameters; infinite where there are none.
+    """Bounds over cells, for points that are spread evenly over their parameters; infinite if unknown.
 
     Args:
-        least: of the distance everywhere.
-        most: likewise.
-        least_mean: of its mean.
-        most_mean: likewise.
-        least_square: of the mean of its square.
-        most_square: likewise.
+        least: lower bound of the distance everywhere.
+        most: upper bound of the distance everywhere.
+        least_mean: lower bound of its mean.
+        most_mean: upper bound of its mean.
+        least_square: lower bound of the mean of its square.
+        most_square: upper bound of the mean of its square.
     """
 
     least: Float[np.ndarray, " cells"]
@@ -101,19 +101,19 @@ class HeightBounds(NamedTuple):
     most_square: Float[np.ndarray, " cells"]
 
     def narrowed(self, other: "HeightBounds") -> "HeightBounds":
-        """What both say together."""
+        """Return the tighter of both bounds."""
         pairs = zip(self, other, strict=True)
         return HeightBounds(*(np.fmin(x, y) if k % 2 else np.fmax(x, y) for k, (x, y) in enumerate(pairs)))
 
 
 def unknown_bounds(cells: int) -> HeightBounds:
-    """Those of cells of which nothing is known."""
+    """Bounds of `cells` cells about which nothing is known."""
     return HeightBounds(*([np.zeros(cells), np.full(cells, np.inf)] * 3))
 
 
 @cache
 def means_of_products(k: int, n: int) -> np.ndarray:
-    """The means of the products of two Bernstein polynomials of degree n on a simplex, as a matrix."""
+    """Return a matrix with the means of the products of two Bernstein polynomials of degree n on a simplex."""
     at = lattice(k, n)
     counts = np.array(
         [[math.prod(math.comb(int(x + y), int(x)) for x, y in zip(i, j, strict=True)) for j in at] for i in at]
@@ -122,15 +122,15 @@ def means_of_products(k: int, n: int) -> np.ndarray:
 
 
 def heights_between(k: int, part: Simplex, other: Simplex, levels: int, growth: Array, normal: Array) -> Heights:
-    """Heights of a part above another one at the same places of cells.
+    """Heights of `part` above `other` at equal parameters of the cells.
 
     Args:
         k: dimension of the cells.
-        part: that of a.
-        other: that of b.
-        levels: in how many both are composed together.
-        growth: by which sums of absolute values grow beyond the sides (cells,).
-        normal: about unit vectors (3, cells).
+        part: the part of a.
+        other: the part of b.
+        levels: number of levels in which both are composed.
+        growth: factor by which sums of absolute values grow beyond the sides (cells,).
+        normal: approximate unit vectors (3, cells).
     """
     e, w = difference(k, part, other)
     dtype = e.dtype
@@ -151,7 +151,7 @@ def heights_between(k: int, part: Simplex, other: Simplex, levels: int, growth: 
 
 
 def _divided(k: int, e: Array, w: Array, off: Array) -> tuple[Array, Array]:
-    """A polynomial close to E / w, and by what it may be off; infinite where weights are too small."""
+    """Return a polynomial close to E / w, and a bound of its error; infinite if weights are too small."""
     dtype, m = e.dtype, w.shape[0] - 1
     rows, weights = coefficients_of(k, e), coefficients_of(k, w)
     least, most = jnp.min(weights, axis=0), jnp.max(weights, axis=0)
@@ -171,27 +171,27 @@ def _divided(k: int, e: Array, w: Array, off: Array) -> tuple[Array, Array]:
 
 
 def growth_beyond(net: Net, low: Array, high: Array) -> Array:
-    """By which sums of absolute values grow where parameters are between these ends."""
+    """Return the factor by which sums of absolute values grow if parameters are between these ends."""
     beyond = jnp.maximum(jnp.maximum(-low, high - 1), 0.0)
     degrees = np.array(net.degrees[: net.parameters], float)
     return jnp.prod((1 + 2 * beyond) ** degrees.astype(low.dtype)) * (1 + gamma(64, low.dtype))
 
 
 def valley(piece: Net, low: Array, high: Array, feet: Array, normal: Array, cell: Ball) -> Valley:
-    """The squared distance from a cell over a box of parameters.
+    """Describe the squared distance from a cell over a box of parameters.
 
     Args:
-        piece: of b.
-        low: ends of the box (parameters,), which may be beyond the sides.
-        high: likewise.
+        piece: a piece of b.
+        low: lower ends of the box (parameters,), which may be beyond the sides.
+        high: upper ends of the box (parameters,), which may be beyond the sides.
         feet: coefficients (indices, parameters) of sigma, within the box.
-        normal: n.
-        cell: all points of the cell.
+        normal: the unit vector n.
+        cell: a ball with all points of the cell.
     """
     n, dtype = piece.parameters, low.dtype
     part = part_of(piece, low, high)
     least = 1.0 if part.weights is None else jnp.min(part.weights)
-    # Digits that weights lose beside the largest one count for the points too.
+    # If weights are small compared with the largest one, the points lose as many digits.
     wide = jnp.where(least > 0, growth_beyond(piece, low, high) / jnp.where(least > 0, least, 1.0), jnp.inf)
     ball = enclosed(part, 2 * eta(piece) * wide, eta(piece) * wide)
     apart = minus(cell, ball.point)

@@ -35,14 +35,14 @@ from jhd._distance.normalization.net_jets import Net, NetJet, enclosed, eta, jet
 _STEPS = 5
 # Cells thinner than this many units of roundoff are not cut.
 _THINNEST = 16
-# A squared speed along a parameter below this share of the largest is none.
+# A squared speed along a parameter below this fraction of the largest counts as zero.
 _STILL = 1e-20
 
 
 class Cell(NamedTuple):
     """A box of parameters: the pieces of both shapes, and the ends of the n = n_a + n_b parameters.
 
-    Where the first shape is points there may be no parameters of it, instead of one that makes no difference.
+    If the first shape is a point set, it may have no parameter, instead of one without effect.
     """
 
     piece_a: Array
@@ -52,9 +52,9 @@ class Cell(NamedTuple):
 
 
 class PairBound(NamedTuple):
-    """What is known of a cell: bounds, a pair of points, what is left of the cell, and where to cut it.
+    """Result for a cell: bounds, a pair of points, the part of the cell that remains, and where to cut it.
 
-    The extent is about the lengths along its parameters, negative where they are not to be cut.
+    The extent holds approximate lengths along its parameters, negative for parameters that are not to be cut.
     """
 
     lower: Array
@@ -67,7 +67,7 @@ class PairBound(NamedTuple):
 
 
 class BestPair(NamedTuple):
-    """The nearest pair of points found: a bound of its distance, the distance, pieces and parameters."""
+    """The nearest pair of points found: a bound of its distance, the distance, the pieces and the parameters."""
 
     upper: Array
     distance: Array
@@ -96,7 +96,7 @@ def blocks(a: Array, b: Array) -> Array:
 
 
 def newton_step(gradient: Array, hessian: Array, fixed: Array) -> Array:
-    """A step downhill: Newton's where the second derivatives are positive, else one with their absolute pivots."""
+    """Return a step downhill: Newton's if the second derivatives are positive, else one with their absolute pivots."""
     held = fixed[:, None] | fixed[None, :]
     n = gradient.shape[0]
     matrix = jnp.where(held, jnp.eye(n, dtype=hessian.dtype), hessian)
@@ -115,7 +115,7 @@ def newton_step(gradient: Array, hessian: Array, fixed: Array) -> Array:
 
 
 def _stands_still(at: NetJet) -> Array:
-    """Along which parameters a point does not move, in comparison with the other one."""
+    """Return the parameters along which a point does not move, compared with the fastest parameter."""
     speeds = jnp.sum(at.first**2, axis=-1)
     return speeds <= _STILL * jnp.max(speeds, initial=0.0)
 
@@ -123,16 +123,17 @@ def _stands_still(at: NetJet) -> Array:
 def nearest_in(
     part_a: Net, part_b: Net, start: Array, fixed: Array, steps: int = _STEPS, mending: int = 0, mended: float = 0.0
 ) -> Array:
-    """Parameters in [0, 1]^n where the distance of two parts is about smallest, from a start; nothing is proven.
+    """Parameters in [0, 1]^n that approximately minimize the distance of two parts; nothing is proven.
 
     Args:
-        part_a: the one.
-        part_b: the other one.
-        start: where the steps begin.
+        part_a: the first part.
+        part_b: the second part.
+        start: parameters at which the steps begin.
         fixed: parameters that are not moved.
-        steps: of Newton's method, after which the nearest of their places is taken.
-        mending: steps from there. Distances are as good as they get where the parameters are off by the root of that.
-        mended: longer steps are not taken then.
+        steps: number of Newton steps, after which the nearest pair so far is taken.
+        mending: further steps from that pair. Distances are exact to rounding if the parameters are off by the root of
+            the roundoff.
+        mended: largest length of a further step that is taken.
     """
     n = len(start) - part_b.parameters
 
@@ -161,22 +162,22 @@ def nearest_in(
 
 
 class _Sides(NamedTuple):
-    """Both parts of a cell: control points, balls of the derivatives of a - b, and what may be wrong with numbers.
+    """Both parts of a cell: control points, balls of the derivatives of a - b, and error bounds.
 
     Args:
-        whole_a: one piece.
-        whole_b: the other one.
-        a: the part of one piece.
-        b: the part of the other one.
+        whole_a: the piece of a.
+        whole_b: the piece of b.
+        a: the part of the piece of a.
+        b: the part of the piece of b.
         first: the first derivatives of a - b over the cell.
         apart: a - b over the cell.
         of_f: the second derivatives of F over the cell.
         ball_a: point and derivatives of a, as in `enclosed`.
-        ball_b: those of b.
+        ball_b: point and derivatives of b.
         fixed: parameters that have one value only.
         off: bound on the error of the length of a computed difference of points.
-        wrong: bounds on those of a component of its derivatives in each parameter of the cell, from whole pieces: they
-            are as small as the cell is narrow, those of derivatives from parts are not.
+        wrong: error bounds of a component of its derivatives in each parameter of the cell, if taken from whole pieces:
+            they shrink with the cell, the errors of derivatives from parts do not.
     """
 
     whole_a: Net
@@ -213,13 +214,13 @@ def _sides(a: Net, b: Net, cell: Cell) -> _Sides:
 
 
 class _PairAt(NamedTuple):
-    """A pair of points with the derivatives in the parameters of the cell, and how far along it they are.
+    """A pair of points with the derivatives in the parameters of the cell, and its relative position in the cell.
 
     Args:
         e: the difference of the points.
         slopes: its derivatives.
-        before: the share of the cell before the parameters.
-        after: the share behind them.
+        before: the fraction of the cell before the parameters.
+        after: the fraction behind them.
     """
 
     e: Array
@@ -229,7 +230,7 @@ class _PairAt(NamedTuple):
 
     @classmethod
     def at(cls, sides: _Sides, cell: Cell, x: Array) -> "_PairAt":
-        """The pair at parameters of the pieces within the cell."""
+        """Return the pair at parameters of the pieces within the cell."""
         n, width = len(x) - sides.b.parameters, cell.high - cell.low
         at_a, at_b = jet(sides.whole_a, x[:n]), jet(sides.whole_b, x[n:])
         whole = jnp.where(width > 0, width, 1.0)
@@ -238,11 +239,11 @@ class _PairAt(NamedTuple):
 
 
 def bound(a: Net, b: Net, cell: Cell) -> PairBound:
-    """Bounds over one pair of cells; see the module."""
+    """Return the bounds over one pair of cells; see the module."""
     dtype, low, high = cell.low.dtype, cell.low, cell.high
     sides, middle = _sides(a, b, cell), jnp.full(low.shape, 0.5, dtype)
     z = nearest_in(sides.a, sides.b, middle, sides.fixed)
-    # The same numbers for points and for how far they are along the cell, however products and sums are contracted.
+    # The same values for points and for their position in the cell, however products and sums are contracted.
     x = jax.lax.optimization_barrier(jnp.clip(low + jnp.stack([z, middle]) * (high - low), low, high))
     found = jax.vmap(lambda x: _PairAt.at(sides, cell, x))(x)
     at_z, at_middle = (jax.tree_util.tree_map(lambda y, k=k: y[k], found) for k in (0, 1))
@@ -268,7 +269,7 @@ def _unit(e: Array) -> Array:
 
 
 def _by_gaps(sides: _Sides, at_z: _PairAt) -> Array:
-    """The gap of the boxes, and that along the line which joins the points."""
+    """Lower bound by the gap of the boxes and the gap along the line that joins the points."""
     apart, dtype, unit = sides.apart, sides.apart.mid.dtype, _unit(at_z.e)
     gaps = jnp.maximum(jnp.maximum(apart.lower, -apart.upper), 0.0)
     along = jnp.min(jnp.sum(sides.a.points * unit, -1)) - jnp.max(jnp.sum(sides.b.points * unit, -1))
@@ -276,7 +277,7 @@ def _by_gaps(sides: _Sides, at_z: _PairAt) -> Array:
 
 
 def _by_convexity(sides: _Sides, at_z: _PairAt) -> Array:
-    """The values of F and of psi at z less what the gradient may take off within the cell, where they are convex.
+    """Lower bounds: F and psi at z, minus the largest decrease by the gradient within the cell, if they are convex.
 
     With S and `least` from `normalized`, F(x) >= F(z) + g.(x - z) + least |S^-1 (x - z)|^2 / 2, which is at least
     F(z) - |S^T g|^2 / (2 least). At a foot this takes off next to nothing, whatever the size of the cell.
@@ -293,7 +294,7 @@ def _by_convexity(sides: _Sides, at_z: _PairAt) -> Array:
     loose = wrong * (jnp.sum(jnp.abs(e)) + off) + off * size
 
     def falls(slope: Array, loose: Array) -> tuple[Array, Array]:
-        """How steeply the function may fall from z towards both ends of the parameters; zero where z is the end."""
+        """Largest decrease per unit from z towards either end of each parameter; zero if z is that end."""
 
         def towards(room: Array, slope: Array) -> Array:
             return jnp.where(fixed | (room <= 0), 0.0, jnp.maximum(slope + loose, 0.0))
@@ -320,7 +321,7 @@ def _by_convexity(sides: _Sides, at_z: _PairAt) -> Array:
 
 
 def _monotone(sides: _Sides, middle: _PairAt) -> tuple[Array, Array]:
-    """In which parameters F is proven to rise, and to fall, over the cell; its gradient is enclosed twice."""
+    """Return the parameters in which F is proven to rise, and to fall, over the cell, by two enclosures."""
     off, wrong, fixed = sides.off, sides.wrong, sides.fixed
     naive = dot(sides.first, Ball(sides.apart.mid[None], sides.apart.rad[None]))
     e, slopes, before, after = middle
@@ -334,17 +335,17 @@ def _monotone(sides: _Sides, middle: _PairAt) -> tuple[Array, Array]:
 
 
 def expand(ball: Ball, axis: int) -> Ball:
-    """The ball with an axis of length one more."""
+    """Return the ball with an additional axis of length one."""
     return Ball(jnp.expand_dims(ball.mid, axis), jnp.expand_dims(ball.rad, axis))
 
 
 def joined(a: Ball, b: Ball) -> Ball:
-    """The derivatives of a - b in the parameters of both, from those of each."""
+    """Return the derivatives of a - b in the parameters of both shapes."""
     return Ball(jnp.concatenate([a.mid, -b.mid]), jnp.concatenate([a.rad, b.rad]))
 
 
 def bends(a: Ball, b: Ball, vector: Ball) -> Ball:
-    """The second derivatives of a - b times a vector, from those of each."""
+    """Return the second derivatives of a - b times a vector."""
     row = Ball(vector.mid[None, None], vector.rad[None, None])
     bent_a, bent_b = dot(a, row), dot(b, row)
     return Ball(blocks(bent_a.mid, -bent_b.mid), blocks(bent_a.rad, bent_b.rad))
@@ -358,7 +359,7 @@ class Parametric(NamedTuple):
     error: Any
 
     def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
+        """Return the bounds over one pair of cells."""
         return bound(self.a, self.b, cell)
 
     @property

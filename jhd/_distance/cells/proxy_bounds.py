@@ -40,12 +40,12 @@ _PAIRS, _TRIPLES = (np.array(list(combinations(range(FEET), k))) for k in (2, 3)
 
 
 class Hulls(NamedTuple):
-    """What holds cells: convex hulls of points, widened by a slack, and directions along the cells.
+    """Enclosures of cells: convex hulls of points, widened by a slack, and directions along the cells.
 
     Args:
         corners: the points (cells, corners, 3).
-        slack: how far a point of each cell may be from the hull.
-        tangents: two directions along each cell (cells, 2, 3), zero for none; nothing hangs on them.
+        slack: largest distance of a point of each cell from the hull.
+        tangents: two directions along each cell (cells, 2, 3), zero for none; no proof depends on them.
     """
 
     corners: Any
@@ -54,7 +54,7 @@ class Hulls(NamedTuple):
 
 
 def bound_of(hull: Any, flats: Flats, triangles: bool) -> Array:
-    """The bound over one cell: corners (corners, 3), slack, tangents (2, 3), and its pieces."""
+    """Upper bound over one cell: corners (corners, 3), slack, tangents (2, 3), and its pieces."""
     corners, slack, tangents = hull
     groups = flats.sag.shape[0] // FEET
     size = jnp.max(jnp.sum(jnp.abs(corners), axis=-1)) + jnp.max(
@@ -65,7 +65,7 @@ def bound_of(hull: Any, flats: Flats, triangles: bool) -> Array:
 
     def least(apart: Array, squares: Array) -> Array:
         weights = trials(apart, tangents)
-        # What is not proven counts for nothing, unless it has the weight zero.
+        # A piece without a proof counts for nothing, unless its weight is zero.
         terms = jnp.where(weights[:, :, None] > 0, weights[:, :, None] * squares[None], 0.0)
         return jnp.min(jnp.max(jnp.sum(terms, axis=1), axis=1))
 
@@ -77,18 +77,18 @@ def bound_of(hull: Any, flats: Flats, triangles: bool) -> Array:
 
 
 def _apart(points: Array, flats: Flats, triangles: bool) -> Array:
-    """From about the nearest points of pieces to points (flats, points, 3)."""
+    """Vectors from approximate nearest points of the pieces to points (flats, points, 3)."""
     return jax.vmap(lambda flat: points - jax.vmap(lambda x: _nearest_of(x, flat, triangles))(points))(flats)
 
 
 def _squares(apart: Array, flats: Flats) -> Array:
-    """Squares of f (flats, points), NaN-free."""
+    """Squares of f (flats, points); infinite instead of NaN."""
     far = (jnp.sqrt(jnp.sum(apart**2, axis=-1)) + flats.sag[:, None]) ** 2
     return jnp.where(jnp.isnan(far), jnp.inf, far)
 
 
 def _nearest_of(x: Array, flat: Flats, triangles: bool) -> Array:
-    """A point of a piece that is about the nearest to x: inside, or on the best of its sides."""
+    """Approximate nearest point of a piece to x: inside, or on the best of its sides."""
     a, b, apart = flat.first, flat.second, x - flat.origin
     aa, bb, ab = (jnp.sum(p * q) for p, q in ((a, a), (b, b), (a, b)))
     xa, xb = jnp.sum(apart * a), jnp.sum(apart * b)
@@ -97,7 +97,7 @@ def _nearest_of(x: Array, flat: Flats, triangles: bool) -> Array:
     zero, one = jnp.zeros_like(aa), jnp.ones_like(aa)
     along_a, along_b = _share(xa, aa), _share(xb, bb)
     if triangles:
-        # On the side from the end of `a` to that of `b`.
+        # On the side from the end of `a` to the end of `b`.
         over = _share(xb - xa - ab + aa, aa + bb - 2 * ab)
         sides = [(along_a, zero), (zero, along_b), (one - over, over)]
     else:
@@ -115,7 +115,7 @@ def _share(along: Array, square: Array) -> Array:
 
 
 def _by_a_cut(corners: Array, flats: Flats, squares: Array, triangles: bool) -> Array:
-    """The bound by the two pieces that serve best together, the cell cut where they are equally far."""
+    """Upper bound by the best two pieces, with the cell cut where both are equally far."""
     both = jnp.max(jnp.minimum(squares[_PAIRS[:, 0]], squares[_PAIRS[:, 1]]), axis=1)
     j, k = jnp.asarray(_PAIRS)[jnp.argmin(both)]
     difference = squares[j] - squares[k]
@@ -131,9 +131,9 @@ def _by_a_cut(corners: Array, flats: Flats, squares: Array, triangles: bool) -> 
 
 
 def trials(apart: Float[Array, "feet 3"], tangents: Float[Array, "parameters 3"]) -> Float[Array, "trials feet"]:
-    """Weights of feet, of sum one at least, that are worth trying: one alone, two and three that balance.
+    """Weights of feet to try, with a sum of at least one: one foot, two or three that balance.
 
-    Two are balanced along each parameter and as far as they can be along both; three along both.
+    Two feet are balanced along each parameter, and as well as possible along both; three feet along both.
     """
     tiny = smallest_normal(apart.dtype)
     first = tangents / jnp.sqrt(jnp.maximum(jnp.sum(tangents**2, axis=1, keepdims=True), tiny))

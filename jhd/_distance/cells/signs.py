@@ -1,9 +1,9 @@
 """Proven bounds of distances between close surfaces, from changes of sign.
 
-If f_b(p + v) - l f_a(p) and f_b(p - w) - m f_a(p) have opposite signs for all p of a cell, every p of a in it has a
-point of b on the segment from p - w to p + v, so within the longer of both vectors. Any real l and m will do, since f_a
-is zero on a. The remaining slack of second order is the difference of the curvatures of both surfaces: nothing if they
-are parallel, however long the segments.
+If f_b(p + v) - l f_a(p) and f_b(p - w) - m f_a(p) have opposite signs for all p of a cell, every p of a in the cell has
+a point of b on the segment from p - w to p + v. So b is within the length of the longer vector. Any real l and m will
+do, since f_a is zero on a. The remaining slack of second order is the difference of the curvatures of both surfaces:
+nothing if they are parallel, however long the segments.
 
 Source: ours; for the Bernstein form see jhd._distance.cells.surfaces.
 """
@@ -29,16 +29,16 @@ def sign_bounds(
     foot: Float[Array, "3 cells"],
     least: Float[Array, ""],
 ) -> Float[Array, " cells"]:
-    """Upper bounds of d(p, b) over the points p of a in cells; infinite where there are none.
+    """Upper bounds of d(p, b) over the points p of a in cells; infinite if none is proven.
 
     Args:
         form_a: the polynomial of a on the cells.
         b: the other surface.
         cells: the cells.
-        free: the coordinates in which a cell does not touch the box of a.
+        free: whether a cell does not touch the box of a in each coordinate.
         place: a point close to the cell.
         foot: its foot on b.
-        least: a bound that need not be undercut.
+        least: smaller bounds are not needed.
     """
     unit, reach = _direction(b, cells, place, foot, least)
     value, gradient = slopes(b.coefficients, place + reach * unit)
@@ -46,7 +46,7 @@ def sign_bounds(
     sign = jnp.where(rate < 0, -1.0, 1.0)
     steep = jnp.where(rate != 0, jnp.abs(rate), jnp.inf)
     expected = jnp.maximum(reach - sign * value / steep, 0.0)
-    # What is found must not exceed what would do, rounding included.
+    # The bound found must not exceed the sufficient one, rounding included.
     least = least * (1 - 64 * unit_roundoff(least.dtype))
     back = -jnp.minimum(2 * jnp.max(cells.half, axis=0), jnp.maximum(expected, least)) * unit
     back = jnp.where(_inside(b, cells, back), back, 0.0)
@@ -65,7 +65,7 @@ def sign_bounds(
 
 
 def _direction(b: Side, cells: Boxes, place: Array, foot: Array, least: Array) -> tuple[Array, Array]:
-    """Units normal to b towards it, along the faces of its box that cells would pass, and how far b is along them."""
+    """Unit normals of b, pointing to b, along the faces of its box that cells would cross, and distances along them."""
     _, gradient = slopes(b.coefficients, foot)
     apart = foot - place
     reach = jnp.maximum(jnp.sqrt(jnp.sum(apart**2, axis=0)), least)
@@ -95,7 +95,7 @@ def _moved(cells: Boxes, by: Array) -> Boxes:
 
 
 def _inside(side: Side, cells: Boxes, by: Array) -> Array:
-    """In which coordinates the moved cells are proven to lie in the box.
+    """Return in which coordinates the moved cells are proven to lie in the box.
 
     A rounded sum below a float proves that the exact one is.
     """

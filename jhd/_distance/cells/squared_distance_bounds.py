@@ -10,12 +10,12 @@ Across a curve of nearest points the squared distance rises like a parabola. For
 
 so with q close to the parabola the bound is short by the third power of the size of the part, not by the second.
 
-Rounding, with r the largest |b - p| of the piece: restriction leaves off_by of n / r and of w, which are at most one;
-a coefficient of a square is a sum of as many products as the piece has coordinates of control points at most, with
-positive factors of a few roundings, whose sizes sum up to at most max |n_i|^2 / w_i^2 times that of w^2. As k is a
-quotient of two coefficients, that holds of k w^2 and of the difference too. The linear functions of q are their
-floating-point coefficients; a coefficient of their squares is a sum of six products. Where one is large beside the
-others the bound is negative.
+Rounding, with r the largest |b - p| of the piece: restriction moves n / r and w, which are at most one, by at most
+off_by; a coefficient of a square is a sum of as many products as the piece has coordinates of control points at most,
+with positive factors of a few roundings, whose sizes sum up to at most max |n_i|^2 / w_i^2 times the coefficient of
+w^2. As k is a quotient of two coefficients, this holds for k w^2 and for the difference too. The linear functions of q
+are their floating-point coefficients; a coefficient of their squares is a sum of six products. If one is large compared
+with the others, the bound is negative.
 
 Source: the hull property as in Farouki & Rajan, CAGD 5 (1988).
 """
@@ -38,10 +38,10 @@ def distances_by_squares(
     low: Float[np.ndarray, "cells parameters"],
     high: Float[np.ndarray, "cells parameters"],
 ) -> tuple[Float[np.ndarray, " cells"], Int[np.ndarray, " cells"]]:
-    """Lower bounds of the distances of points to the parts of pieces between these parameters, and where to cut these.
+    """Lower bounds of the distances of points to parts of pieces, and the parameter along which to cut each part.
 
-    A part is to be cut along the parameter along which the coefficients differ most: along a circle that is as near
-    everywhere, as it is from the axis of a surface of revolution, they do not differ.
+    It is the parameter along which the coefficients differ most. Along a circle whose points are all equally near, as
+    seen from the axis of a surface of revolution, they do not differ.
     """
     held = np.asarray(net.points, np.float64)[piece]
     apart = held - points[:, None, None].astype(np.float64)
@@ -73,11 +73,11 @@ def distances_by_squares(
 
 
 def _less_squares(squares: np.ndarray, weighed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower bounds of |n|^2 / w^2 by sums of squares q, and what rounding may leave them off by; -inf for none.
+    """Lower bounds of |n|^2 / w^2 by sums of squares q, and bounds of their rounding errors; -inf if none applies.
 
     Args:
         squares: Bernstein coefficients (cells, i, j) of |n|^2.
-        weighed: those of w^2.
+        weighed: Bernstein coefficients of w^2.
     """
     degrees = [count - 1 for count in squares.shape[1:]]
     axes = [k for k, degree in enumerate(degrees) if degree > 1]
@@ -89,7 +89,7 @@ def _less_squares(squares: np.ndarray, weighed: np.ndarray) -> tuple[np.ndarray,
     rest = squares - middle[:, None, None] * weighed
 
     def mean(*along: int) -> np.ndarray:
-        """A mean derivative of the rest over the part."""
+        """Return the mean over the part of a derivative of the rest."""
         found = rest
         for axis in along:
             found = (found.shape[1 + axis] - 1) * np.diff(found, axis=1 + axis)
@@ -133,6 +133,6 @@ def _square(rows: np.ndarray) -> np.ndarray:
 
 
 def _binomials(orders: Sequence[int]) -> np.ndarray:
-    """Those of the Bernstein polynomials of two orders, multiplied."""
+    """Products of the binomial coefficients of Bernstein polynomials of two orders."""
     first, second = ([math.comb(k - 1, i) for i in range(k)] for k in orders)
     return np.outer(first, second)

@@ -8,8 +8,8 @@ for all weights w in the simplex and all real lambda; so the largest Bernstein c
 bound. The weights and lambda that are tried make its gradient over a vanish, along the borders of the box too, which
 leaves a slack of second order in the size of C at maxima of every kind.
 
-Rounding: that of forms and of squared distances is in jhd._distance.nearest.forms. The mean of some points is a float
-with an error mu of its own, which adds 2 sum (|c_i - q_i| + h_i) mu_i, since
+Rounding: for forms and squared distances see jhd._distance.nearest.forms. The mean of some points is a float with an
+error mu of its own, which adds 2 sum (|c_i - q_i| + h_i) mu_i, since
 
     sum_k w_k |p - q_k|^2 = |p - q|^2 + 2 (p - q).(q - sum_k w_k q_k) + sum_k w_k |q_k - q|^2   for every q.
 
@@ -26,7 +26,7 @@ from jaxtyping import Array, Bool, Float
 from jhd._arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
 from jhd._distance.nearest.forms import Boxes, Form, finite_or_zero, positive, squares
 
-# Feet that a cell carries: three balance on a smooth part of a, a fourth where it is singular.
+# Feet that a cell carries: three balance on a smooth part of a, a fourth one at a singular point.
 FEET = 4
 # Pairs of weights and lambda that are evaluated in full, the best ones by a linear estimate.
 _TRIED = 3
@@ -45,9 +45,9 @@ def upper_bounds(
     Args:
         form_a: the polynomial of a on the cells.
         cells: the cells.
-        feet: points close to b; unused places repeat another one.
-        radius: how close: each foot has a point of b proven within its radius; the largest is added to the bound.
-        free: the coordinates in which a cell does not touch the box of a.
+        feet: points close to b; unused entries repeat another one.
+        radius: each foot has a point of b proven within its radius; the largest radius is added to the bound.
+        free: whether a cell does not touch the box of a in each coordinate.
     """
     weights, factors = _trials(form_a, cells, feet, free)
     first = feet[0]
@@ -84,7 +84,7 @@ def _trials(form_a: Form, cells: Boxes, feet: Array, free: Array) -> tuple[Array
         pull = jnp.sum(chosen[:, :, None] * seen, axis=1)
         return chosen, jnp.sum(pull * slope, axis=1) / positive(jnp.sum(jnp.where(mask, slope**2, 0.0), axis=0))
 
-    # In the whole space and within the faces, side by side: half of the program.
+    # In the whole space and within the faces in one call: the compiled function is half as large.
     chosen, along = jax.vmap(within)(jnp.stack([jnp.ones_like(free), free]))
     weights.append(chosen.reshape(-1, *chosen.shape[2:]))
     factors.append(along.reshape(-1, along.shape[-1]))
@@ -123,10 +123,10 @@ def _volume(x: Array, y: Array, z: Array) -> Array:
 
 
 def _spread(shares: list[Array], places: np.ndarray) -> Array:
-    """Weights (sets, feet, cells) of sum at most one from shares of any common sign; the rest goes to the first foot.
+    """Weights (sets, feet, cells) of sum at most one from numbers of one sign; the rest goes to the first foot.
 
-    The weight of the first foot is what the others leave to one, so they are kept a little below that; it need not be
-    in the set.
+    The weight of the first foot is one minus the other weights, so their sum is kept a little below one. The first foot
+    need not be in the set.
     """
     shares_of = jnp.stack(shares)
     shares_of = shares_of * jnp.sign(jnp.sum(shares_of, axis=0))

@@ -31,7 +31,8 @@ from jhd._distance.cells.tracked_feet_surfaces import narrowed, points_of_surfac
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.surfaces import Side
 
-# The most that a cell of a net or surface b is longer than one of a that is cut first, and where a is no graph.
+# Largest ratios of the lengths of cells of b and a at which a is cut first: for a net b, for a surface b, and if a is
+# no graph.
 _LONGEST_NET, _LONGEST_SURFACE, _LONGEST_OF_NONE = 64.0, 512.0, 64.0
 
 
@@ -41,27 +42,27 @@ class PairProblem(Protocol):
 
     @property
     def floor(self) -> Array | float:
-        """The gap that rounding leaves."""
+        """Return the gap that rounding leaves."""
         ...
 
     def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
+        """Return the bounds over one pair of cells."""
         ...
 
 
 class WithMovingFeet(NamedTuple):
-    """A pair of shapes with bounds by feet on b that move with a, besides its own."""
+    """A pair of shapes with bounds by feet on b that move with a, in addition to its own bounds."""
 
     still: Parametric | WithSurface
     on_first = False
 
     @property
     def floor(self) -> Array | float:
-        """The gap that rounding leaves."""
+        """Return the gap that rounding leaves."""
         return self.still.floor
 
     def bound(self, cell: Cell) -> PairBound:
-        """The shapes' own bounds over one pair of cells, of which parts without a point are cut off."""
+        """Return the shapes' own bounds over one pair of cells, after parts without a point are cut off."""
         n = parameters(self.still.a)
         for shape, part in ((self.still.a, slice(0, n)), (self.still.b, slice(n, None))):
             if isinstance(shape, Side):
@@ -70,7 +71,7 @@ class WithMovingFeet(NamedTuple):
         return self.still.bound(cell)
 
     def moving_points(self, cell: Cell, x: Array) -> tuple[MovingPoint, Array]:
-        """The points that move, and whether L seems convex where their middle has its foot; x is a pair of points."""
+        """Return the moving points, and whether L seems convex at the foot of their middle; x is a pair of points."""
         a, b, cell, start = self._turned(cell, x)
         on_a, n = points_over(a, cell), parameters(a)
         if isinstance(b, Side):
@@ -78,12 +79,12 @@ class WithMovingFeet(NamedTuple):
         return on_a, jnp.asarray(True)
 
     def moving_bound(self, on_a: MovingPoint, cell: Cell, x: Array) -> tuple[Array, Array]:
-        """The lower bound by feet of the points that move, and whether L is proven convex."""
+        """Return the lower bound by feet of the moving points, and whether L is proven convex."""
         _, b, cell, start = self._turned(cell, x)
         return _bound_of(on_a, b, cell, start)
 
     def _turned(self, cell: Cell, x: Array) -> tuple[Net | Side, Net | Side, Cell, Array]:
-        """The shape whose points move, that with the feet, their cells and the start of a foot."""
+        """Return the shape with the moving points, the shape with the feet, their cells and the start of a foot."""
         a, b, n = self.still.a, self.still.b, parameters(self.still.a)
         if not self.on_first:
             return a, b, cell, x[n:]
@@ -91,16 +92,16 @@ class WithMovingFeet(NamedTuple):
         return b, a, Cell(cell.piece_b, cell.piece_a, low, high), x[:n]
 
     def to_cut(self, extent: np.ndarray, moving: "MovingBound") -> np.ndarray:
-        """What to cut: a, down to graphs; then b, down to where L is convex; and then a again, unless b is far longer.
+        """Choose the cuts: a, down to graphs; then b, until L is convex; then a again, unless b is far longer.
 
-        What is no graph yet is cut where it is bent most: sheets next to each other between them.
+        A part of a that is no graph yet is cut across its strongest bend: adjacent sheets are cut apart.
 
         Args:
             extent: the lengths of pairs of cells along their parameters.
-            moving: the bounds by feet that move.
+            moving: the bounds by moving feet.
 
         Returns:
-            The lengths, negative where they are not to be cut.
+            The lengths, negative along parameters that are not to be cut.
         """
         n = parameters(self.still.a)
         follow = (np.arange(extent.shape[1]) < n) == self.on_first
@@ -118,13 +119,13 @@ class WithMovingFeet(NamedTuple):
 
 
 class WithFeetOnFirst(WithMovingFeet):
-    """The same by feet on a that move with b: needed if b stands still where the distance is constant along a."""
+    """Bounds by feet on a that move with b: needed if b stands still where the distance is constant along a."""
 
     on_first = True
 
 
 class MovingBound(NamedTuple):
-    """A lower bound over a pair of cells, and what it rests on.
+    """A lower bound over a pair of cells, with the conditions that it depends on.
 
     Args:
         lower: the bound.
@@ -140,11 +141,11 @@ class MovingBound(NamedTuple):
 
 
 def moving_bound(a: Net | Side, b: Net | Side, cell: Cell, start: Array) -> MovingBound:
-    """A lower bound of the distance of two parts; zero where there is none.
+    """Lower bound of the distance of two parts; zero if none is proven.
 
     Args:
-        a: the shape with the places.
-        b: the one with the feet.
+        a: the shape with the moving points.
+        b: the shape with the feet.
         cell: the pieces and the ends of both parts.
         start: the parameters of a foot, or the point of an implicit surface.
     """
@@ -154,14 +155,14 @@ def moving_bound(a: Net | Side, b: Net | Side, cell: Cell, start: Array) -> Movi
 
 
 def points_over(a: Net | Side, cell: Cell) -> MovingPoint:
-    """The polynomials that the first shape is near."""
+    """Return the polynomials near the first shape over a cell."""
     n = parameters(a)
     own = cell.low[:n], cell.high[:n]
     return points_of_surface(a, *own) if isinstance(a, Side) else points_of_net(a.piece(cell.piece_a), *own)
 
 
 def _bound_of(on_a: MovingPoint, b: Net | Side, cell: Cell, start: Array) -> tuple[Array, Array]:
-    """The bound, and whether L is proven convex."""
+    """Return the bound, and whether L is proven convex."""
     dtype, n = cell.low.dtype, cell.low.size - parameters(b)
     other = cell.low[n:], cell.high[n:]
     if isinstance(b, Side):

@@ -1,6 +1,6 @@
 """Lower bounds of functions of a point of a cell of a and a point of b that are convex in the point of b.
 
-Let L(u, x) have second derivatives in x of at least 2 diag(k), k > 0, on a box that holds the places x in question and
+Let L(u, x) have second derivatives in x of at least 2 diag(k), k > 0, on a box that holds the points x in question and
 the values of a map Q(u), and let R(u) be its first derivatives at Q. Then for all such x
 
     L(u, x) >= L(u, Q(u)) + sum R_i (x_i - Q_i) + k_i (x_i - Q_i)^2,
@@ -30,12 +30,12 @@ _S, _T, _SS, _ST, _TT = (EXPONENTS.index(powers) for powers in ((1, 0), (0, 1), 
 
 
 class MovingPoint(NamedTuple):
-    """Points of a shape over a cell, as polynomials of two numbers in [-1, 1], or of the first of them.
+    """Points of a shape over a cell, as polynomials of one or two numbers in [-1, 1].
 
     Args:
         point: the points (terms, 3).
-        beside: how far the shape is from them; infinite where it is not known to be near.
-        bent: by how much the polynomial of an implicit surface is not linear, along each coordinate; else zero.
+        beside: largest distance of the shape from them; infinite if it is not known to be near.
+        bent: deviation of the polynomial of an implicit surface from a linear one, along each coordinate; else zero.
     """
 
     point: Truncated
@@ -51,18 +51,18 @@ class MovingSquare(NamedTuple):
 
 
 def less(x: Truncated, y: Truncated) -> Truncated:
-    """The difference."""
+    """Return x - y."""
     return added(x, scaled(y, -1.0))
 
 
 def least(total: Truncated) -> Array:
-    """A lower bound of a function over the square, as it is and less the squares that it rises by."""
+    """Lower bound of a function over the square: the better of its own range and the range minus a sum of squares."""
     below = scaled(total, -1.0)
     return jnp.maximum(-largest(below), -largest(added(below, _parabola(total.terms))))
 
 
 def _parabola(terms: Array) -> Truncated:
-    """A sum of squares of linear functions that is about what a polynomial rises by, from where it is least."""
+    """Sum of squares of linear functions, close to the rise of a polynomial above its minimum."""
     a, b, c = 2 * terms[_SS], terms[_ST], 2 * terms[_TT]
     mean, root = 0.5 * (a + c), jnp.hypot(0.5 * (a - c), b)
     angle = 0.5 * jnp.arctan2(2 * b, a - c)
@@ -99,10 +99,10 @@ def least_of_rest(rest: Truncated, bent: Array, low: Array, high: Array) -> Arra
 
     def over(slope: Array, first: Array, last: Array) -> Array:
         t = jnp.clip(-slope / (2 * bent), first, last)
-        # Away from the least place by its roundings it is off by their square.
+        # Off the minimum by its roundings, the value is off by their square.
         size = jnp.abs(slope * t) + bent * t * t
         return slope * t + bent * t * t - gamma(16, dtype) * size - 16 * smallest_normal(dtype)
 
     found = [over(slope, *span) for slope, span in zip(ends, ranges, strict=True)]
-    # A part without a t of its sign is what zero gives, or, on the other side, no part.
+    # A part without a t of this sign has the value at zero, or, on the opposite side, does not exist.
     return jnp.where(low > 0, found[0], jnp.where(high < 0, found[1], jnp.minimum(*found)))

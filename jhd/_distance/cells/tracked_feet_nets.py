@@ -12,11 +12,11 @@ Feet are followed beyond the cell of b, and beyond its piece, by about the size 
 cut at joints of smooth shapes.
 
 Rounding: x is counted from -1 to 1 over E, whose ends are floats, and Q is its floating-point coefficients there. A
-part between parameters beyond [0, 1] has control points that are sums of the given ones with factors whose sizes have a
-sum of at most G, so its errors are G times those of jhd._distance.normalization.net_jets; on rational pieces these are
-errors of numerators and weights, and `_part` says what points have then. A polynomial of degree n in Bernstein form
-with errors e is off by e, its first derivative in x by n e, its second one by n^2 e. In single precision that leaves
-little to prove of second derivatives, so few bounds are of use there.
+part between parameters beyond [0, 1] has control points that are sums of the given ones with factors of absolute sum at
+most G, so its errors are G times those of jhd._distance.normalization.net_jets; on rational pieces these are errors of
+numerators and weights, and `_part` gives the errors of points. A polynomial of degree n in Bernstein form with errors e
+is off by e, its first derivative in x by n e, its second one by n^2 e. In single precision these errors are too large
+for most second derivatives, so few bounds are of use.
 
 Source: ours.
 """
@@ -41,17 +41,17 @@ from jhd._distance.cells.implicit import between
 from jhd._distance.cells.tracked_feet_minimum import MovingPoint, MovingSquare, least, least_of_rest, less
 from jhd._distance.normalization.net_jets import Net, eta, jet, part_of
 
-# Newton steps for the foot in the middle, and from there for those of the nodes.
+# Newton steps for the foot of the middle, and from there for the feet of the nodes.
 _FIRST, _STEPS = 4, 3
-# How far feet are followed beyond a cell, in sizes of that of a: they move faster than a where that is
-# between b and its centers of curvature. And beyond a piece, at most.
+# How far feet are followed beyond a cell, in sizes of the cell of a: they move faster than a if a lies between b and
+# its centers of curvature. And how far beyond a piece, at most.
 _FARTHER, _BEYOND = 4.0, 0.25
-# Shares of |b_x|^2 that the second derivatives are tried to exceed.
+# Fractions of |b_x|^2 that are tried as lower bounds of the second derivatives.
 _MODULI = (0.5, 0.1, 0.01)
 
 
 class _PartWithErrors(NamedTuple):
-    """A part of a piece, bounds of the errors of its points, and of the relative ones of its weights."""
+    """A part of a piece, bounds of the errors of its points, and bounds of the relative errors of its weights."""
 
     net: Net
     error: Array
@@ -61,7 +61,8 @@ class _PartWithErrors(NamedTuple):
 class _Powers(NamedTuple):
     """Rows (i, j, width) of powers of two numbers in [-1, 1], points or homogeneous ones, and errors of the values.
 
-    Points are counted from a center: what the weights multiply, and their rests with it, is as small as the part.
+    Points are relative to a center, so the numbers that the weights multiply, and their rests, are as small as the
+    part.
     """
 
     rows: Array
@@ -70,7 +71,7 @@ class _Powers(NamedTuple):
 
 
 def points_of_net(piece: Net, low: Array, high: Array) -> MovingPoint:
-    """The points of a part of a piece."""
+    """Return the points of a part of a piece, as polynomials."""
     powers, n = _powers(_part(piece, low, high)), piece.parameters
     point = _quotients(_direct(_derivatives(powers, n, 0)), piece.weights is not None, n).point
     point = _shifted(point, powers.center)
@@ -78,7 +79,7 @@ def points_of_net(piece: Net, low: Array, high: Array) -> MovingPoint:
 
 
 def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: Array) -> MovingSquare:
-    """A lower bound of the squared distance of moving points from a point, or a piece between parameters."""
+    """Lower bound of the squared distance of moving points from a point, or from a piece between parameters."""
     m, dtype, rational = piece.parameters, low.dtype, piece.weights is not None
     if piece.degrees == (0, 0):
         apart = less(point, _constant(piece.points[0, 0]))
@@ -97,7 +98,7 @@ def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: 
     square = least(_dot(apart, apart))
     apart = Truncated(apart.terms[:, :, None], apart.rest[:, None])
     rest = scaled(_dot(apart, there.first), -2.0)
-    # Where the cell of b is in E; E is not so small that the subtractions lose much.
+    # The location of the cell of b in E; E is large enough that the subtractions lose little.
     ends = [(x - begin) / half - 1 for x in (low, high)]
     size, slack = jnp.sum(jnp.abs(q), axis=0) - jnp.abs(q[0]), gamma(64, dtype) * jnp.ones_like(half)
     taken = least_of_rest(
@@ -109,7 +110,7 @@ def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: 
 
 
 def _feet(piece: Net, terms: Array, low: Array, high: Array, start: Array) -> Array:
-    """Coefficients (terms, parameters of b) of polynomials through about the feet of the nodes of a cell of a."""
+    """Coefficients (terms, parameters of b) of polynomials through approximate feet of the nodes of a cell of a."""
     places = at_nodes(terms)
     extent = 2 * length(jnp.sum(jnp.abs(terms[1:]), axis=0))
     rate = jax.vmap(length)(jet(piece, start).first)
@@ -120,7 +121,7 @@ def _feet(piece: Net, terms: Array, low: Array, high: Array, start: Array) -> Ar
 
 
 def _box(q: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Ends of E, with room for roundings."""
+    """Return the ends of E, with room for roundings."""
     room = math.sqrt(float(jnp.finfo(q.dtype).eps))
     reach = jnp.sum(jnp.abs(q[1:]), axis=0)
     low, high = jnp.minimum(low, q[0] - reach), jnp.maximum(high, q[0] + reach)
@@ -129,15 +130,15 @@ def _box(q: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _part(piece: Net, low: Array, high: Array) -> _PartWithErrors:
-    """The part of one piece between parameters that may lie beyond [0, 1], and its errors."""
+    """Return the part of one piece between parameters that may lie beyond [0, 1], and its errors."""
     part = part_of(piece, low, high)
     sizes = jnp.maximum(jnp.abs(low) + jnp.abs(1 - low), jnp.abs(high) + jnp.abs(1 - high))
     growth = jnp.prod(jnp.maximum(sizes, 1.0) ** np.array(piece.degrees[: piece.parameters])) * (1 + 1e-3)
     error = eta(piece) * growth
     if part.weights is None:
         return _PartWithErrors(part, error, jnp.zeros_like(error))
-    # Off by e at most, a weight w of more than 2 e is off by e / w of itself, twice that of the true one; points by
-    # e (1 + |x|) over the true weight, and by the rounding of the division.
+    # A weight w of more than 2 e, with an error of at most e, has a relative error of e / w, and of twice that relative
+    # to the true weight; points are off by e (1 + |x|) over the true weight, and by the rounding of the division.
     lightest = jnp.min(part.weights)
     good, most = lightest > 4 * error, jnp.maximum(jnp.max(jnp.abs(part.points)), 1.0)
     safe = jnp.where(good, lightest, 1.0)
@@ -146,7 +147,7 @@ def _part(piece: Net, low: Array, high: Array) -> _PartWithErrors:
 
 
 def _powers(part: _PartWithErrors) -> _Powers:
-    """A part in powers of its parameters, counted from -1 to 1."""
+    """Return a part in powers of its parameters, which run from -1 to 1."""
     points, weights = part.net
     dtype, error = points.dtype, jnp.broadcast_to(part.error, points.shape[-1:])
     center = 0.5 * (jnp.min(points, axis=(0, 1)) + jnp.max(points, axis=(0, 1)))
@@ -169,7 +170,7 @@ def _applied(matrix: Array, rows: Array, axis: int) -> Array:
 
 
 def _direct(powers: _Powers) -> Truncated:
-    """Polynomials of the first two numbers, or the first one, (i, j, ...)."""
+    """Return the powers as polynomials of both numbers, or of the first one."""
     rows = powers.rows
     shape, dtype = rows.shape[:2], rows.dtype
     within = [rows[i, j] if i < shape[0] and j < shape[1] else jnp.zeros_like(rows[0, 0]) for i, j in EXPONENTS]
@@ -185,9 +186,9 @@ def _shifted(point: Truncated, by: Array) -> Truncated:
 
 
 class _Moved(NamedTuple):
-    """Points (terms, 3) of b there, counted from the center of its part, and derivatives.
+    """Points (terms, 3) of b at moving parameters, relative to the center of its part, and derivatives.
 
-    The first ones are (terms, 3, n); if looked for, the second ones (terms, 3, n n).
+    First derivatives are (terms, 3, n). Second derivatives, if asked for, are (terms, 3, n n).
     """
 
     point: Truncated
@@ -221,7 +222,7 @@ def _along(powers: _Powers, q: Array) -> Truncated:
 
 
 def _quotients(x: Truncated, rational: bool, n: int) -> _Moved:
-    """The points and derivatives of homogeneous ones: quotients where a part is rational."""
+    """Return points and derivatives from homogeneous ones: quotients if a part is rational."""
     point, first, second = (_last(x, part) for part in (0, slice(1, 1 + n), slice(1 + n, None)))
     if not rational:
         return _Moved(point, first, second)
@@ -245,7 +246,7 @@ def _constant(x: Array) -> Truncated:
 
 
 def _sizes(x: Truncated) -> Array:
-    """The largest absolute values on the square."""
+    """Return the largest absolute values on the square."""
     return jnp.maximum(largest(x), largest(scaled(x, -1.0)))
 
 
@@ -258,7 +259,7 @@ def _at(x: Truncated, part: slice) -> Truncated:
 
 
 def _derivative(rows: Array, axis: int) -> Array:
-    """That in one of the numbers; of the same shape."""
+    """Return the derivative in one of the numbers, with the shape of `rows`."""
     count = rows.shape[axis]
     factors = np.arange(1, count).reshape([-1 if k == axis else 1 for k in range(rows.ndim)])
     found = jax.lax.slice_in_dim(rows, 1, count, axis=axis) * factors
@@ -279,11 +280,11 @@ def _sum(every: Truncated) -> Truncated:
 
 
 def _convexity(on_a: Truncated, over: _Moved, squares: Array) -> Array:
-    """Numbers k that half the second derivatives of the squared distance exceed, as a diagonal; else zero."""
+    """Lower bounds k of half the second derivatives of the squared distance, as a diagonal; zero if none is proven."""
     n, dtype = squares.size, squares.dtype
     k, m = np.divmod(np.arange(n * n), n)
     second = Truncated(over.second.terms[..., None], over.second.rest[..., None])
-    # The middle of a, what it moves by along a plane, and the rest.
+    # The middle of a, its motion in a plane, and the rest.
     plane = on_a.terms[:3].T[:, None]
     parts = _sum(scaled(second, plane))
     around = Truncated(on_a.terms.at[:3].set(0.0), on_a.rest).size * (1 + gamma(64, dtype))

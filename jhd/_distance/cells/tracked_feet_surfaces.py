@@ -16,20 +16,20 @@ squared. With h the size of the cell, the bound
 
     min (|P - Q|^2 + v g(Q)) - sum max R_i^2 / 4 m
 
-is short by h^8 where the distance is constant along a: no cell of b has to be small, and of a only few. Where the
-distance is not constant a square (w.(s, t) - c)^2 is taken off before the minimum is bounded by Bernstein coefficients:
-that the parabola which the distance follows is more than none.
+is short by h^8 if the distance is constant along a: no cell of b has to be small, and only few cells of a. If the
+distance is not constant, a square (w.(s, t) - c)^2 is subtracted before Bernstein coefficients bound the minimum. It is
+close to the parabola that the distance follows, and nowhere negative.
 
-Rounding: P, Q and v are their floating-point coefficients. What is computed from them is in jhd._arithmetic.truncated,
-in the errors of forms (jhd._distance.nearest.forms), and in balls.
+Rounding: P, Q and v are their floating-point coefficients. The errors of all that is computed from them are in
+jhd._arithmetic.truncated, in the errors of forms (jhd._distance.nearest.forms), and in balls.
 
 Cells that a surface crosses near a corner are narrowed first. With e in [-1, 1]^3 the polynomial is c + s.e + r(e) with
-|r(e)| <= R, so where it is zero
+|r(e)| <= R, so at its zeros
 
     s_i e_i is within sum over j other than i of |s_j|, and R, of -c.
 
 The part that remains is as small as the part of the surface, up to the square of the size of the cell. Feet are then
-near the middle, and a surface that leaves the cell through a corner is a graph over all of it.
+near the middle, and a surface that leaves the cell through a corner is a graph over the whole box.
 
 Source: ours; the quadratic term in g as in Bertsekas, Constrained Optimization and Lagrange Multiplier Methods (1982);
 narrowing is known as hull consistency in interval computation (Benhamou et al., Revising hull and box consistency,
@@ -56,12 +56,12 @@ from jhd._distance.nearest.forms import boxes, form, slope_changes
 from jhd._distance.nearest.surface_points import local_feet
 from jhd._distance.normalization.surfaces import Side
 
-# Newton steps for the foot in the middle, and from there for those of the nodes.
+# Newton steps for the foot of the middle, and from there for the feet of the nodes.
 _FIRST, _STEPS_OF_FEET = 6, 3
-# Shares of the quadratic term, relative to the slope of g, and moduli of convexity 2 m, that are tried.
+# Factors of the quadratic term, relative to the slope of g, and moduli of convexity 2 m, that are tried.
 _HEAVY = (0.0, 4.0)
 _MODULI = (1.0, 0.1, 0.01)
-# The shortest side of what is left, as a share of the longest, where the cell has room: across thinner ones the
+# The shortest side of the narrowed box, as a fraction of the longest, if the cell has room: across thinner boxes the
 # polynomial changes by less than its rounding.
 _THINNEST = 2.0**-8
 
@@ -78,7 +78,7 @@ class _MovingFoot(NamedTuple):
 
 
 def points_of_surface(a: Side, low: Array, high: Array) -> MovingPoint:
-    """The graph that a is near in a cell."""
+    """Return the graph near a in a cell."""
     cells = boxes(low[:, None], high[:, None])
     form_a = form(a, cells)
     graph, on = graph_over(form_a, a, cells)[1:]
@@ -92,7 +92,7 @@ def points_of_surface(a: Side, low: Array, high: Array) -> MovingPoint:
 
 
 def square_to_surface(b: Side, point: Truncated, low: Array, high: Array, start: Array) -> MovingSquare:
-    """A lower bound of the squared distance of moving points from the part of b in a cell."""
+    """Lower bound of the squared distance of moving points from the part of b in a cell."""
     places = at_nodes(point.terms).T
     first = _first_foot(b, point.terms[0], start, low, high)
     feet = local_feet(b, places, jnp.broadcast_to(first, places.shape), _STEPS_OF_FEET)
@@ -105,15 +105,15 @@ def square_to_surface(b: Side, point: Truncated, low: Array, high: Array, start:
 
 
 def distance_to_surface(b: Side, point: Truncated, start: Array) -> Array:
-    """An upper bound of the distances of all moving points from b; infinite where none is proven.
+    """Upper bound of the distances of all moving points from b; infinite if none is proven.
 
-    A point of b is as far from Q(s, t) as |g| is there over the least slope along one direction n, in a box about Q
-    that has room for it: along n the polynomial changes its sign by then.
+    A point of b is within |g| divided by the least slope along one direction n from Q(s, t), if a box about Q has room
+    for it: within this length the polynomial changes its sign along n.
 
     Args:
         b: the surface.
         point: the moving point.
-        start: a point of b from where feet are looked for.
+        start: a point of b at which the search for feet starts.
     """
     dtype = start.dtype
     places = at_nodes(point.terms).T
@@ -139,7 +139,7 @@ def distance_to_surface(b: Side, point: Truncated, start: Array) -> Array:
 
 
 def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) -> Array:
-    """A foot (3, 1) of a place: of those found from a start and from the place itself the one nearer to a box."""
+    """Return a foot (3, 1) of a point: the nearer to a box of two, found from a start and from the point itself."""
     own = jnp.clip(place, jnp.asarray(b.lower), jnp.asarray(b.upper))
     places = jnp.stack([place, place], axis=1)
     found = local_feet(b, places, jnp.stack([own, start], axis=1), _FIRST)
@@ -154,7 +154,7 @@ def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) ->
 
 
 def _multipliers(b: Side, places: Array, feet: Array) -> Array:
-    """About those for which L is stationary at the feet, in the coordinates that no side of the box holds."""
+    """Approximate multipliers for which L is stationary at the feet, in the coordinates inside the box."""
     _, gradient = slopes(jnp.asarray(b.coefficients), feet)
     lower, upper = jnp.asarray(b.lower)[:, None], jnp.asarray(b.upper)[:, None]
     free = jnp.where((feet > lower) & (feet < upper), gradient, 0.0)
@@ -163,6 +163,7 @@ def _multipliers(b: Side, places: Array, feet: Array) -> Array:
 
 
 def _moving(b: Side, point: Truncated, feet: Array, multipliers: Array) -> _MovingFoot:
+    """Return polynomials through the given feet and multipliers of the nodes, with the polynomial of b along them."""
     q, v = fitted(feet.T), fitted(multipliers)
     ranges, on = piece_about(b, q[..., None])
     dtype = q.dtype
@@ -182,7 +183,7 @@ def _moving(b: Side, point: Truncated, feet: Array, multipliers: Array) -> _Movi
 
 
 def _derivative(local: Array, axis: int) -> Array:
-    """That of a form in one of its variables; of the same shape."""
+    """Return the derivative of a form in one of its variables, with the shape of the form."""
     n = local.shape[axis]
     powers = np.arange(1, n).reshape([-1 if k == axis else 1 for k in range(local.ndim)])
     rows = jax.lax.slice_in_dim(local, 1, n, axis=axis) * powers
@@ -190,7 +191,7 @@ def _derivative(local: Array, axis: int) -> Array:
 
 
 def seems_convex(b: Side, place: Array, low: Array, high: Array, start: Array) -> Array:
-    """Whether L is convex over a cell and the foot of one place. If not, it is not tried for the places around.
+    """Return whether L is convex over a cell and the foot of one point; if not, other points are not tried.
 
     Nothing is proven by that: it decides which bounds are computed.
     """
@@ -204,7 +205,7 @@ def seems_convex(b: Side, place: Array, low: Array, high: Array, start: Array) -
 def _convexity(
     b: Side, low: Array, high: Array, v: Ball, slope: Array, moduli: tuple[float, ...] = _MODULI
 ) -> tuple[Array, Array]:
-    """A number 2 m that the second derivatives of L are at least, zero where none is proven, and r."""
+    """Return a lower bound 2 m of the second derivatives of L, zero if none is proven, and r."""
     over: Any = shape_over(b, None, low, high)
     dtype = low.dtype
     square = jnp.sum(slope**2)
@@ -228,7 +229,7 @@ def _convexity(
 
 
 def _square(moving: _MovingFoot) -> Truncated:
-    """The function |P - Q|^2 + v g(Q)."""
+    """Return |P - Q|^2 + v g(Q)."""
     squares, lost = product(moving.apart, moving.apart), product(moving.multiplier, moving.value)
     total = lost
     for k in range(3):
@@ -237,7 +238,7 @@ def _square(moving: _MovingFoot) -> Truncated:
 
 
 def _rest(moving: _MovingFoot, modulus: Array, heavy: Array, low: Array, high: Array) -> Array:
-    """A lower bound of R.(q - Q) + m |q - Q|^2."""
+    """Lower bound of R.(q - Q) + m |q - Q|^2."""
     dtype = low.dtype
     factor = added(moving.multiplier, scaled(moving.value, 2 * heavy))
     pull = product(Truncated(factor.terms[:, None], factor.rest[None]), moving.gradient)
@@ -250,14 +251,15 @@ def _rest(moving: _MovingFoot, modulus: Array, heavy: Array, low: Array, high: A
 
 
 def narrowed(side: Side, low: Array, high: Array) -> tuple[Array, Array]:
-    """The corners (3,) of a box within a cell that holds the part of a surface there; the cell where there is none."""
+    """Corners (3,) of a box within a cell that holds the surface there; the cell itself if there is none."""
     dtype = low.dtype
     cells = boxes(low[:, None], high[:, None])
     f = form(side, cells)
     slope, value = f.slope[:, 0], f.value[0]
     size = jnp.abs(slope)
     total = jnp.sum(size)
-    # Sums of what is positive, and the rounding of what they are compared with; their underflow is in the error.
+    # Sums of non-negative terms, with the rounding of the numbers they are compared with; their underflow is in the
+    # error.
     others = total - size + gamma(8, dtype) * total
     loose = (others + f.rest[0] + f.error[0] + gamma(8, dtype) * jnp.abs(value)) * (1 + gamma(8, dtype))
     steep = jnp.where(slope != 0, slope, 1.0)
@@ -266,7 +268,7 @@ def narrowed(side: Side, low: Array, high: Array) -> tuple[Array, Array]:
     center, half = cells.center[:, 0], cells.half[:, 0]
     ends = [center + half * (middle + sign * (reach + slack)) for sign in (-1, 1)]
     room = gamma(8, dtype) * (jnp.abs(center) + half * (jnp.abs(middle) + reach + slack)) + 8 * smallest_normal(dtype)
-    # Where nothing is known, as where a slope is zero, NaN or infinite, an end is that of the cell.
+    # If nothing is known, for example if a slope is zero, NaN or infinite, an end is the end of the cell.
     first = jnp.where(size > 0, jnp.maximum(low, ends[0] - room), low)
     last = jnp.where(size > 0, jnp.minimum(high, ends[1] + room), high)
     usable = jnp.all(first <= last)

@@ -9,9 +9,9 @@ Good T_k are the nearest triangles of the corners and of the points at which the
 if one triangle is nearest to all corners, so cells are split where the nearest triangle changes. An edge whose ends
 have the nearest triangles S and T is split at the point with d(x, S) = d(x, T), other edges in the middle.
 
-Where a lies in b, corners have many nearest triangles, and ties carry little information. There the triangle T nearest
-to the middle of the cell is used: the cell is cut along a wall of the prism over T, so that the part inside, which
-remains after at most three cuts, is bounded exactly. So the cells become the pieces of the overlay of both
+If a part of a lies in b, corners have many nearest triangles, and ties carry little information. Then the triangle T
+nearest to the middle of the cell is used: the cell is cut along a wall of the prism over T, so that the part inside,
+which remains after at most three cuts, is bounded exactly. So the cells become the pieces of the overlay of both
 triangulations.
 
 Rounding. With coordinates of at most s, a point v0 + w1 (v1 - v0) + w2 (v2 - v0) is computed within gamma(32) s. Its
@@ -57,7 +57,7 @@ class TriangleCells(NamedTuple):
         nearest: their nearest triangles, as sorted in the tree.
         upper: proven bound of the largest distance of a point of the cell to b.
         depth: number of splits.
-        middle: a nearest triangle of the middle of the cell, -1 where it was not asked for.
+        middle: a nearest triangle of the middle of the cell, -1 if it was not computed.
     """
 
     owner: Int[np.ndarray, " cells"]
@@ -80,10 +80,10 @@ class MeshSide(NamedTuple):
     """The mesh a in the unit of the tree of b.
 
     Args:
-        corners: of its triangles.
+        corners: corners of the triangles of a.
         size: largest coordinate.
-        tree: of b.
-        b_corners: of its triangles, in the order of the mesh.
+        tree: the tree of b.
+        b_corners: corners of the triangles of b, in the order of the mesh.
     """
 
     corners: Float[np.ndarray, "triangles corners 3"]
@@ -92,11 +92,11 @@ class MeshSide(NamedTuple):
     b_corners: Float[np.ndarray, "others corners 3"]
 
     def slack(self, depth: Any) -> Any:
-        """Bound on how far a computed point is from the cell it stands for, and the parts of a cell from the whole."""
+        """Bound the errors of a computed point, and of the union of a cell's parts, relative to the exact cell."""
         return np.asarray(self.size * (gamma(40, self.corners.dtype) + depth * gamma(16, self.corners.dtype)))
 
     def points(self, owner: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """The points at barycentric coordinates (cells, points, 3) of the triangles."""
+        """Return the points at barycentric coordinates (cells, points, 3) of the triangles."""
         v = self.corners[owner]
         first, second = (weights[:, :, [k]] * (v[:, [k]] - v[:, [0]]) for k in (1, 2))
         return v[:, [0]] + first + second
@@ -108,7 +108,7 @@ class MeshSide(NamedTuple):
 
 
 def first_cells(side: MeshSide, triangles: np.ndarray, places: np.ndarray) -> tuple[TriangleCells, np.ndarray]:
-    """The whole triangles of a, and the numbers of their distinct corners."""
+    """Return the whole triangles of a as cells, and the numbers of their distinct corners."""
     used, index = np.unique(triangles, return_inverse=True)
     found = nearest_triangles(side.tree, places[used])
     index = index.reshape(triangles.shape)
@@ -122,7 +122,7 @@ def first_cells(side: MeshSide, triangles: np.ndarray, places: np.ndarray) -> tu
 
 
 def split(side: MeshSide, cells: TriangleCells, round_: int, clipping: bool) -> TriangleCells:
-    """The parts of each cell; `clipping` cuts along walls of prisms in place of splitting at ties."""
+    """Return the parts of each cell; `clipping` cuts along walls of prisms instead of splitting at ties."""
     corners = side.points(cells.owner, cells.weights)
     share, way = np.full((cells.count, 3), 0.5, cells.weights.dtype), np.zeros(cells.count, int)
     if clipping:
@@ -134,7 +134,7 @@ def split(side: MeshSide, cells: TriangleCells, round_: int, clipping: bool) -> 
     step = cells.weights[:, _NEXT] - cells.weights
     weights = np.concatenate([cells.weights, cells.weights + share[:, :, None] * step], axis=1)
     points = side.points(cells.owner, weights)
-    # What is near to a corner is near to the points beside it.
+    # A triangle near a corner is also near the points next to it.
     found = nearest_triangles(side.tree, points[:, 3:].reshape(-1, 3), cells.nearest.reshape(-1))
     square = np.concatenate([cells.square, found.square.reshape(-1, 3)], axis=1)
     nearest = np.concatenate([cells.nearest, found.triangle.reshape(-1, 3)], axis=1)
@@ -152,12 +152,12 @@ def split(side: MeshSide, cells: TriangleCells, round_: int, clipping: bool) -> 
 
 
 def _middles(side: MeshSide, corners: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Nearest triangles of the middles of cells."""
+    """Return nearest triangles of the middles of cells."""
     return nearest_triangles(side.tree, corners.mean(axis=1), near).triangle
 
 
 def _tied(side: MeshSide, cells: TriangleCells, corners: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Shares of the edges at which to split; those given, but for edges along which the nearest triangle changes."""
+    """Return the fractions at which to split edges: at a tie if the nearest triangle changes, else as given."""
     row, edge = np.nonzero(cells.nearest != cells.nearest[:, _NEXT])
     if not len(row):
         return share
@@ -182,16 +182,16 @@ def _all_squares(table: Array, points: Array, triangles: Array) -> Array:
 
 @compiled
 def _cuts(table: Array, corners: Array, triangles: Array) -> tuple[Array, Array]:
-    """Where to cut the edges of cells, and which parts that makes: along the wall of a prism that halves them best.
+    """Return where to cut the edges of cells, and into which parts: along the wall of a prism that halves them best.
 
-    A point is in the prism over a triangle where y, x s1 - y c1 and y c2 - (x - L) s2 are not negative (see
+    A point is in the prism over a triangle if y, x s1 - y c1 and y c2 - (x - L) s2 are not negative (see
     jhd._triangles.point_triangle). Cells that no wall cuts are split in the middles of their edges.
     """
     row = table[triangles][:, None, :]
     w = corners - row[..., 0:3]
     x, y = jnp.sum(w * row[..., 3:6], axis=-1), jnp.sum(w * row[..., 6:9], axis=-1)
     walls = jnp.stack([y, x * row[..., 11] - y * row[..., 10], y * row[..., 13] - (x - row[..., 9]) * row[..., 14]])
-    # What is this close to a wall is on it: it was cut there.
+    # A point this close to a wall is on it: it was cut there.
     least = 2.0**-41 if walls.dtype == np.float64 else 2.0**-14
     walls = jnp.where(jnp.abs(walls) <= least, 0.0, walls)
     balance = jnp.minimum(jnp.max(walls, axis=-1), -jnp.min(walls, axis=-1))
@@ -211,9 +211,9 @@ def _cuts(table: Array, corners: Array, triangles: Array) -> tuple[Array, Array]
 
 @compiled
 def _ties(table: Array, p: Array, q: Array, s: Array, t: Array) -> Array:
-    """Shares of the way from p to q where both triangles are equally far, by the Illinois method.
+    """Fractions of the way from p to q at which both triangles are equally far, by the Illinois method.
 
-    At p the triangle s is nearer, at q the triangle t; any share is allowed, a better one only saves splits.
+    At p the triangle s is nearer, at q the triangle t; any fraction is valid, a better one only saves splits.
     """
     first, second = table[s], table[t]
 

@@ -1,9 +1,9 @@
 """Means, fractions and quantiles of values that are known within bounds, with weights that are known within bounds.
 
-The least value of a mean sum w_i x_i / sum w_i with w_i in [a_i, b_i] is attained with w_i = b_i for x_i below some
-level and w_i = a_i above it; all levels are tried, in the order of the values. Fractions and quantiles are such means
-of zeros and ones. If affine functions bound a value, they are means of the fractions of cells in which the value is at
-most a level.
+The least value of sum w_i x_i / sum w_i for w_i in [a_i, b_i] is attained with w_i = b_i for x_i below some level and
+w_i = a_i above it; all levels are tried, in the order of the values. Fractions and quantiles are such means of zeros
+and ones. If affine functions bound a value, they are means of the fractions of cells in which the value is at most a
+level.
 
 Rounding: sums of n positive terms err by gamma(n) relative to themselves, whatever the order of the terms. Weights that
 are known exactly, for example weights of points, have exact sums and quantiles, in whole numbers.
@@ -21,26 +21,26 @@ from jhd._arithmetic.rounding import gamma
 from jhd._distance.cells.affine import shares_below
 from jhd._runtime.arrays import taken
 
-# What the share of a quantile may be off by as a float.
+# Rounding error of the fraction of a quantile as a float.
 _ROUNDED = Fraction(1, 2**50)
-# Halvings that look for the level of a quantile between those of whole cells.
+# Bisection steps for the level of a quantile between the levels of whole cells.
 _HALVINGS = 24
 
 
 class Weights(NamedTuple):
-    """Lower and upper bounds of weights, neither negative; some upper one is positive."""
+    """Lower and upper bounds of weights, none negative; at least one upper bound is positive."""
 
     lower: Float[np.ndarray, " cells"]
     upper: Float[np.ndarray, " cells"]
 
 
 def mean_bounds(weights: Weights, lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
-    """Bounds of the mean of values between bounds that are not negative."""
+    """Bounds of the mean of values between non-negative bounds."""
     room = gamma(2 * len(lower) + 16, np.float64)
     least = _least_mean(weights, lower)
     if not np.all(np.isfinite(upper[weights.upper > 0])):
         return least * (1 - room), np.inf
-    # The largest mean of x is what the least mean of top - x leaves.
+    # The largest mean of x is top minus the least mean of top - x.
     top = float(np.max(upper))
     most = top - _least_mean(weights, top - upper)
     return least * (1 - room), min(most + room * top, top)
@@ -60,9 +60,9 @@ class Values(NamedTuple):
     """Bounds of values over cells.
 
     Args:
-        lower: everywhere.
-        upper: likewise.
-        ends: by the values at the corners of two affine functions.
+        lower: lower bound everywhere.
+        upper: upper bound everywhere.
+        ends: values at the corners of two affine functions, which bound the values from below and above.
     """
 
     lower: Float[np.ndarray, " cells"]
@@ -72,13 +72,13 @@ class Values(NamedTuple):
     take = taken
 
     def within(self, level: float) -> tuple[np.ndarray, np.ndarray]:
-        """The least and the largest share of each cell in which values may be at most a level."""
+        """Return lower and upper bounds of the fraction of each cell on which values are at most `level`."""
         surely, maybe = (shares_below(self.ends[..., k], level)[1 - k] for k in (1, 0))
         return np.where(self.upper <= level, 1.0, surely), np.where(self.lower <= level, maybe, 0.0)
 
 
 def share_bounds(weights: Weights, surely: np.ndarray, maybe: np.ndarray) -> tuple[float, float]:
-    """Bounds of the share of the weight where something holds: where it surely does, and where it may, by cells."""
+    """Bounds of the fraction of the weight with a property, by the fractions of cells that surely and maybe have it."""
     room = gamma(len(surely) + 16, np.float64)
     rest = 1.0 - _share(weights, 1.0 - maybe) * (1 - room)
     # The difference rounds as a number of about one does.
@@ -86,18 +86,18 @@ def share_bounds(weights: Weights, surely: np.ndarray, maybe: np.ndarray) -> tup
 
 
 def _share(weights: Weights, where: np.ndarray) -> float:
-    """The least share that some of the weight can have."""
+    """Smallest fraction that the weight with this property can have."""
     inside, outside = np.sum(weights.lower * where), np.sum(weights.upper * (1.0 - where))
     return float(inside / (inside + outside)) if inside > 0 else 0.0
 
 
 def quantile_bounds(weights: Weights, values: Values, q: float) -> tuple[float, float]:
-    """Bounds of the least value that a share q of the weight does not exceed, of values between bounds.
+    """Bounds of the least value that a fraction q of the weight does not exceed, for values between bounds.
 
-    The share is as good as reached within its own rounding: nine of ten points are a share of 0.9.
+    The fraction counts as reached within its own rounding: nine of ten points are a fraction of 0.9.
     """
     low, high = _of_cells(weights, values.lower, values.upper, q)
-    # The share, a product with it and a sum are rounded too.
+    # The fraction, a product with it and a sum are rounded too.
     q = q * (1 - float(_ROUNDED))
     open_ = (values.upper > low) & (values.lower < high)
     affine = np.max(values.ends, axis=1) > np.min(values.ends, axis=1)
@@ -113,7 +113,7 @@ def quantile_bounds(weights: Weights, values: Values, q: float) -> tuple[float, 
     held = values.take(open_)
 
     def reached(level: float) -> tuple[bool, bool]:
-        """Whether a level is surely, and maybe, not exceeded by as much."""
+        """Return whether surely, and whether maybe, a fraction q of the values is at most `level`."""
         shares = share_bounds(some, *(np.append(x, (1.0, 0.0)) for x in held.within(level)))
         return shares[0] >= q, shares[1] >= q
 
@@ -122,7 +122,7 @@ def quantile_bounds(weights: Weights, values: Values, q: float) -> tuple[float, 
 
 
 def _switch(low: float, high: float, holds: Callable[[float], bool]) -> tuple[float, float]:
-    """Two numbers close to each other, from two others: the lower one if something holds below it."""
+    """Bisect between `low` and `high`; return neighboring numbers of which only the upper one satisfies `holds`."""
     for _ in range(_HALVINGS):
         level = 0.5 * low + 0.5 * high
         if not low < level < high:
@@ -132,17 +132,17 @@ def _switch(low: float, high: float, holds: Callable[[float], bool]) -> tuple[fl
 
 
 def _of_cells(weights: Weights, lower: np.ndarray, upper: np.ndarray, q: float) -> tuple[float, float]:
-    """The bounds of a quantile by the bounds of whole cells alone."""
+    """Bounds of a quantile by the bounds of whole cells alone."""
     a, b = weights
     if np.all(a == b):
         least, most = (np.sort(x)[first_reaching(b[np.argsort(x)], q)] for x in (lower, upper))
         return float(least), float(most)
-    # The share, a product with it and a sum are rounded too.
+    # The fraction, a product with it and a sum are rounded too.
     q, room = q * (1 - float(_ROUNDED)), gamma(len(lower) + 16, np.float64)
     order = np.argsort(lower)
     a, b = weights.lower[order], weights.upper[order]
     inside, outside = np.cumsum(b), np.append(np.cumsum(a[::-1])[::-1][1:], 0.0)
-    # The largest share with values up to each lower bound.
+    # The largest fraction with values up to each lower bound.
     enough = inside * (1 + room) >= q * (inside + outside)
     low = float(lower[order][np.argmax(enough)]) if np.any(enough) else float(np.max(lower))
     order = np.argsort(upper)
@@ -154,11 +154,11 @@ def _of_cells(weights: Weights, lower: np.ndarray, upper: np.ndarray, q: float) 
 
 
 def first_reaching(weights: np.ndarray, q: float) -> int:
-    """The first of points, in the order of their values, up to which a share q of their weights lies; exact.
+    """Index of the first point, in the order of the values, up to which a fraction q of the weights lies; exact.
 
     Args:
-        weights: exact, not negative, some positive.
-        q: the share, which counts as reached within its own rounding.
+        weights: exact weights in the order of the values, not negative, some positive.
+        q: the fraction, which counts as reached within its own rounding.
     """
     inside = np.cumsum(_multiples(weights)[0])
     wanted = Fraction(float(q)) * (1 - _ROUNDED) * inside[-1]
@@ -166,13 +166,13 @@ def first_reaching(weights: np.ndarray, q: float) -> int:
 
 
 def exact_sum(weights: np.ndarray) -> Fraction:
-    """The sum of finite weights."""
+    """Return the exact sum of finite weights."""
     whole, power = _multiples(weights)
     return np.sum(whole) * Fraction(2) ** power
 
 
 def _multiples(weights: np.ndarray) -> tuple[np.ndarray, int]:
-    """Weights as whole numbers of any length times a power of two."""
+    """Return weights as integers of any length times a power of two, and its exponent."""
     mantissa, power = np.frexp(np.asarray(weights, np.float64))
     power = np.where(mantissa != 0, power, np.max(power))
     whole = np.ldexp(mantissa, 53).astype(np.int64).astype(object)

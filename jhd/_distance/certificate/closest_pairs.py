@@ -38,7 +38,7 @@ _SAMPLES = 5
 _STEPS = 24
 # Cuts of one piece in a row, after which the bound is given up: floats hold no more.
 _MOST_CUTS = 50
-# A plane that falls short by this share of the size in floating point is not worth an exact check.
+# A plane that falls short by this fraction of the size in floating point is not worth an exact check.
 _SURELY = 1e-14
 # Parts into which the exact check of a polynomial may cut a pair here.
 _PARTS = 200
@@ -56,7 +56,7 @@ class PointSide(NamedTuple):
     exponent: int = 0
 
     def scaled(self, points: np.ndarray) -> np.ndarray:
-        """Points as they are."""
+        """Return points unchanged."""
         return points
 
 
@@ -77,21 +77,21 @@ class _SideParts:
 
     @property
     def surface(self) -> SurfaceSide | None:
-        """The implicit surface, if the shape is one."""
+        """Return the implicit surface, if the shape is one."""
         return self.side if isinstance(self.side, SurfaceSide) else None
 
     def points(self, part: PartOfShape) -> np.ndarray:
-        """Control points whose hull holds the part."""
+        """Return control points whose hull holds the part."""
         if part.box is None:
             return self._hulls[part.first : part.last].reshape(-1, self._hulls.shape[-1])
         return self.side.scaled(np.array([[x / w for x in row] for row, w in self.exact.points(part)]))
 
     def extent(self, part: PartOfShape) -> float:
-        """The diagonal of the box of the control points."""
+        """Return the diagonal of the box of the control points."""
         return float(np.linalg.norm(np.ptp(self.points(part), axis=0)))
 
     def length(self, part: PartOfShape, letter: str) -> float:
-        """How long the part is in the direction of a cut."""
+        """Return the length of the part in the direction of a cut."""
         if letter == "x":
             return self.extent(part)
         corners, k = self.exact.pieces[part.first].corners, (ord(letter) - ord("a")) // 2
@@ -112,7 +112,7 @@ class _SideParts:
 
 
 def first_order(middles: np.ndarray) -> list[int]:
-    """The pieces by halves of halves, each cut across the longest side of its box."""
+    """Return the pieces in an order of nested halves, each cut across the longest side of its box."""
 
     def sorted_rows(rows: np.ndarray) -> Iterator[int]:
         if len(rows) == 1:
@@ -140,7 +140,7 @@ class _PartPair(NamedTuple):
         return self.shapes[0].surface, self.shapes[1].surface
 
     def with_part(self, k: int, letter: str) -> "_PartPair | None":
-        """The pair with a half in place of the part of a or b; None if the part cannot be cut so."""
+        """Return the pair with a half instead of the part of a or b; None if the part cannot be cut so."""
         half = self.shapes[k].exact.half(self.parts[k], letter)
         if half is None:
             return None
@@ -161,11 +161,11 @@ def keep_apart(
 
     Args:
         a: one shape.
-        b: the other one, with the same exponent.
+        b: the other shape, with the same exponent.
         bound: the bound to prove, above zero, in the unit of the stored arrays.
-        max_cells: most pairs, before it is given up.
-        report: called with the numbers of proven and of open pairs now and then.
-        direction: about the shortest vector from a to b, if it is known.
+        max_cells: largest number of pairs before the attempt is given up.
+        report: called now and then with the numbers of proven and open pairs.
+        direction: approximate shortest vector from a to b, if known.
         is_ordered: whether the pieces may be put into another order.
 
     Raises:
@@ -219,7 +219,7 @@ def _by_plane(pair: _PartPair, direction: np.ndarray | None) -> dict[str, Any] |
 
 
 def between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The shortest vector from one hull to the other, about."""
+    """Approximate shortest vector from one hull to the other."""
     v = q.mean(axis=0) - p.mean(axis=0)
     for _ in range(_STEPS):
         support = q[np.argmin(q @ v)] - p[np.argmax(p @ v)]
@@ -249,7 +249,7 @@ def _by_zeros(pair: _PartPair) -> dict[str, Any] | None:
 
 
 def _halves(pair: _PartPair) -> list[_PartPair]:
-    """Both halves of a pair of which one part is cut, the first half last.
+    """Return both halves of a pair after a cut of one part, the first half last.
 
     Raises:
         UncoveredError: neither part can be cut.
@@ -271,7 +271,7 @@ def _halves(pair: _PartPair) -> list[_PartPair]:
 
 
 def _letters(exact: Ordered, part: PartOfShape) -> list[str]:
-    """The first letters of all the ways to cut a part."""
+    """Return the first letter of each way to cut a part."""
     if part.last - part.first > 1:
         return ["x"]
     corners = exact.pieces[part.first].corners

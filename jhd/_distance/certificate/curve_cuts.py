@@ -1,6 +1,7 @@
 """Cuts of the cells of a certificate between two curves: at peaks of the distance and where feet leave a piece.
 
-An exact bound needs these cuts. All of this is floating point; the cells are checked exactly wherever they are cut.
+An exact bound needs these cuts. The computation is in floating point; the cells are checked exactly wherever they are
+cut.
 """
 
 from typing import NamedTuple
@@ -10,16 +11,16 @@ import numpy as np
 from jhd._distance.certificate.sides import ShapeSide
 from jhd._distance.nearest.feet import dot, equation_of, foot_speed
 
-# Samples of an interval among which its peak is looked for.
+# Samples of an interval among which its peak is searched.
 _NODES = np.linspace(0.0, 1.0, 13)
 # Steps of Newton's method for the peak, among three candidates and for the chosen one alone.
 _PEAK_STEPS, _LAST_STEPS = 4, 4
 # Halvings that find a parameter to its last digit.
 _BISECTIONS = 54
-# Rounding of a squared distance: what is larger by less is no higher peak.
+# Rounding of a squared distance: a value larger by less than this is no higher peak.
 _ROUNDING = 1e-14
-# Share of a squared distance by which the peak of the last steps may be lower than the one before, and the least
-# squared distance that counts for it.
+# Fraction of a squared distance by which the peak of the last steps may be lower than the one before, and the least
+# squared distance to which it applies.
 _LOWER = 1e-12
 _LEAST = 1e-13
 
@@ -67,12 +68,12 @@ def peaks(source: ShapeSide, target: ShapeSide, cells: CurveCells, feet: CurveFe
     """Return the peaks of the smaller distance to the feet of two branches over cells.
 
     The best of a few samples comes first. Then follow steps to the best of the peaks of either branch and of their
-    crossing, and at last to that one alone: values tell a smooth peak to half of the digits only.
+    crossing. The last steps go to this one alone, since values locate a smooth peak to half of the digits only.
     """
     t0, width, n = cells.start, cells.end - cells.start, np.arange(len(cells.piece))
 
     def heights(t: np.ndarray) -> np.ndarray:
-        """Squared distances to the feet with two derivatives, for t (samples, cells): (3, branches, samples, cells)."""
+        """Squared distances to the feet with two derivatives at t (samples, cells): (3, branches, samples, cells)."""
         count = 2 * len(t)
         at = source.curve_jet(np.tile(cells.piece, count), np.tile(t, (2, 1)).ravel())
         piece, ends = (np.repeat(rows, len(t), axis=0) for rows in feet)
@@ -85,7 +86,7 @@ def peaks(source: ShapeSide, target: ShapeSide, cells: CurveCells, feet: CurveFe
         return np.array([here.distance_sq, -2 * dot(here.apart, at.first), 2 * bend]).reshape(3, 2, *t.shape)
 
     def steps(height: np.ndarray) -> np.ndarray:
-        """From t to the peaks of both branches and to their crossing, (3, cells)."""
+        """Return steps from t to the peaks of both branches and to their crossing, (3, cells)."""
         f, slope, bend = height
         crossed = slope[0] - slope[1]
         tops = np.where(bend < 0, -slope / np.where(bend < 0, bend, -1.0), 0.0)

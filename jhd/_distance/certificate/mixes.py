@@ -3,7 +3,8 @@
 For a Hausdorff distance, cells prove the upper bound and a point proves the lower bound. For a minimum distance, pairs
 of parts prove the lower bound and a point on each shape proves the upper bound.
 
-Bounds as sharp as those of the solution would need a cell for each of the last digits, so they may be a little wider.
+Bounds as sharp as the solution's would need a cell for each of the last digits, so the proven ones may be a little
+wider.
 """
 
 import math
@@ -26,11 +27,13 @@ from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, 
 from jhd._runtime.decimals import lower_text, upper_text
 from jhd._shapes.implicit import ImplicitSurface
 
-# How much wider than the solution's the bounds may be by default, as a share of the diagonal of the box of both shapes.
+# How much wider than the solution's bounds the proven ones may be by default, as a fraction of the diagonal of the box
+# of both shapes.
 _SLACK = 1e-9
-# A point this much nearer than the lower bound, as a share of it, is not worth an exact check.
+# A point this much nearer than the lower bound, as a fraction of it, is not worth an exact check.
 _CLEARLY = 1e-9
-# Candidates next to implicit surfaces if none is known: samples, rounds of more about the farthest, and how many each.
+# Candidates next to implicit surfaces if none is known: samples, rounds of more around the farthest, and their number
+# in each round.
 _SAMPLED, _ROUNDS, _EACH = 200, 12, 8
 # Such candidates that are tried.
 _WITNESSES = 3
@@ -47,7 +50,7 @@ def default_atol(a: Any, b: Any) -> float:
 
 
 def _ends(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of the box of both shapes."""
+    """Return the corners of the box of both shapes."""
     rows = []
     for shape in (a, b):
         plain = plain_shape(shape)
@@ -61,7 +64,7 @@ def _ends(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sides(a: Any, b: Any, hints: np.ndarray) -> dict[str, Side]:
-    """Both shapes on the host; if one is an implicit surface, in the unit of their coordinates."""
+    """Return both shapes on the host; if one is an implicit surface, in the unit of their coordinates."""
     if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
         frame: tuple[int, Any] = 0, 0.0
     else:
@@ -78,7 +81,7 @@ def _sides(a: Any, b: Any, hints: np.ndarray) -> dict[str, Side]:
 
 
 class ToProve(NamedTuple):
-    """What is to be proven: "directed" or "two_sided", the bounds, and what they were taken from."""
+    """A claim to prove: "directed" or "two_sided", the bounds, and the solution that they come from."""
 
     kind: str
     lower: float
@@ -87,7 +90,7 @@ class ToProve(NamedTuple):
 
 
 def asked_of(solution: HausdorffSolution | Decision, directed: bool, slack: float) -> ToProve:
-    """The bounds of a solution, or the one of a decision that answers, wider by slack."""
+    """Return the claim of a solution, or of the bound that answers a decision, widened by `slack`."""
     if isinstance(solution, Decision):
         directed = directed or solution.distance == "directed"
     else:
@@ -96,7 +99,7 @@ def asked_of(solution: HausdorffSolution | Decision, directed: bool, slack: floa
 
 
 def _bounds_of(solution: HausdorffSolution | MinimumSolution | Decision, slack: float) -> tuple[float, float]:
-    """The bounds, wider by slack; of a decision that is made only the one that answers."""
+    """Return the bounds, widened by `slack`; for a decision that is made, only the bound that answers it."""
     answer = name_of(solution.answer) if isinstance(solution, Decision) else ""
     lower = 0.0 if answer == "yes" else float(solution.lower)
     upper = math.inf if answer == "no" else float(solution.upper)
@@ -104,10 +107,10 @@ def _bounds_of(solution: HausdorffSolution | MinimumSolution | Decision, slack: 
 
 
 def prove_largest(a: Any, b: Any, asked: ToProve, max_cells: int, report: Report) -> tuple[Any, Any]:
-    """The cells of each direction and the pairs of the witness, and the witness; None where no bound needs them.
+    """Return the cells of each direction and the pairs of the witness, and the witness; None if no bound needs them.
 
     Raises:
-        NotProvenError: a bound could not be proven of these shapes, or takes more cells.
+        NotProvenError: a bound could not be proven for these shapes, or needs more cells.
     """
     sides = _sides(a, b, _hints(asked.solution))
     covers: dict[str, CellCover] = {}
@@ -142,10 +145,10 @@ def _covered(source: Side, target: Side, upper: float, max_cells: int, report: C
 def _witness(
     asked: ToProve, sides: dict[str, Side], covers: dict[str, CellCover], max_cells: int, report: Report
 ) -> tuple[dict[str, Any], list[dict[str, Any]] | None]:
-    """A point that proves the lower bound, and the pairs of it and parts of the other shape, if this is a surface.
+    """Return a point that proves the lower bound; if the other shape is a surface, also the pairs of its parts.
 
     Raises:
-        NotProvenError: none of those tried does.
+        NotProvenError: no point that was tried proves the bound.
     """
     reason = "no point of these shapes is that far."
     for direction, place in _candidates(asked, sides, covers):
@@ -172,7 +175,7 @@ def _witness(
 def _candidates(
     asked: ToProve, sides: dict[str, Side], covers: dict[str, CellCover]
 ) -> Iterator[tuple[str, ShapePlace | None]]:
-    """The witness of the solution, the farthest corners of cells, and points that are looked for."""
+    """Return the witness of the solution, the farthest corners of cells, and points found by a search."""
     if isinstance(asked.solution, HausdorffSolution):
         direction, witness = name_of(asked.solution.direction), asked.solution.witness
         if direction in KINDS[asked.kind]:
@@ -189,7 +192,7 @@ def _candidates(
 
 
 def _far_points(source: Side, target: Side) -> list[np.ndarray]:
-    """Points of the source that are far from the target, the farthest first."""
+    """Return points of the source that are far from the target, the farthest first."""
     draw = np.random.default_rng(0)
     points = source.samples(draw, _SAMPLED)
     distances = np.array([target.distance(point) for point in points])
@@ -208,10 +211,10 @@ def _far_points(source: Side, target: Side) -> list[np.ndarray]:
 def prove_minimum(
     a: Any, b: Any, solution: MinimumSolution | Decision, slack: float, max_cells: int, report: Report
 ) -> dict[str, Any]:
-    """The claim, the orders of the pieces, the pairs of parts and the two points.
+    """Return the claim, the orders of the pieces, the pairs of parts and the two points.
 
     Raises:
-        NotProvenError: a bound of the solution could not be proven of these shapes to within slack, or takes more
+        NotProvenError: a bound of the solution could not be proven for these shapes to within slack, or needs more
         pairs.
     """
     lower, upper = _bounds_of(solution, slack)
@@ -236,7 +239,7 @@ def prove_minimum(
 
 
 def _closest(sides: dict[str, Side], points: np.ndarray, upper: float) -> dict[str, Any] | None:
-    """A point on each shape, proven to be at most `upper` apart; None where none is found."""
+    """Return a point on each shape, proven to be at most `upper` apart; None if none is found."""
     for _ in range(_TURNS):
         first, second = (side.place(point) for side, point in zip(sides.values(), points, strict=True))
         if first is None or second is None:

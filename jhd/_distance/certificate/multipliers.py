@@ -11,28 +11,28 @@ from collections.abc import Callable
 
 import numpy as np
 
-# Shares of the way from q to a corner, or to the middle of two, at which samples lie.
+# Fractions of the way from q to a corner, or to the middle of two, at which samples lie.
 _SHARES = 2.0 ** -np.arange(1, 25)
 # The difference quotients that stand for slopes, and the steps towards q.
 _DIFFERENCE, _STEPS = 1e-6, 40
-# A slack that is smaller by this share of the largest one is of a foot that is far.
+# A slack that is smaller by this fraction of the largest one belongs to a foot that is far away.
 _FAR = 1e-2
-# Multipliers are rounded to multiples of this share of their sum.
+# Multipliers are rounded to multiples of this fraction of their sum.
 _BITS = 2.0**30
 
-# Slacks (feet, samples) at shares of the corners (samples, corners).
+# Evaluates slacks (feet, samples) at barycentric coordinates (samples, corners).
 Slack = Callable[[np.ndarray], np.ndarray]
 
 
 def multipliers(slack: Slack, grid: np.ndarray) -> list[list[float]] | None:
-    """Affine multipliers, by their values at the corners, with which the sum of the slacks is positive on samples.
+    """Affine multipliers, by their values at the corners, for which the sum of the slacks is positive on samples.
 
     Args:
-        slack: the slacks at any places of the cell.
-        grid: a few places all over the cell.
+        slack: evaluates the slacks at any points of the cell.
+        grid: a few points all over the cell.
 
     Returns:
-        A row for each foot, or None where there are none.
+        A row for each foot, or None if none are found.
     """
     corners = grid.shape[1]
     q = _tightest(slack, grid)
@@ -41,7 +41,7 @@ def multipliers(slack: Slack, grid: np.ndarray) -> list[list[float]] | None:
     places = np.concatenate([grid, near])
     wanted = np.append(np.ones(len(grid)), np.repeat(_SHARES, len(towards)))
     slacks, here = slack(places), slack(q[None])[:, 0]
-    # Feet that are far at q would hide the others there; where those do not do alone, they take part.
+    # Feet that are far at q would hide the others there; they take part only if the others do not suffice.
     for active in (here >= here.max() - _FAR * np.max(np.abs(slacks)), np.ones(len(here), bool)):
         rows = _solved(slacks[active], places, wanted)
         if rows is not None:
@@ -51,7 +51,7 @@ def multipliers(slack: Slack, grid: np.ndarray) -> list[list[float]] | None:
 
 
 def _tightest(slack: Slack, grid: np.ndarray) -> np.ndarray:
-    """The place where the largest slack is smallest."""
+    """Return the point at which the largest slack is smallest."""
     values = np.max(slack(grid), axis=0)
     q, best, reach = grid[np.argmin(values)], float(values.min()), 0.25
     corners = np.eye(grid.shape[1])
@@ -70,7 +70,7 @@ def _tightest(slack: Slack, grid: np.ndarray) -> np.ndarray:
 
 
 def _step(values: np.ndarray, slopes: np.ndarray, reach: float) -> np.ndarray:
-    """How far to go towards each corner, so that the largest of the values, taken as linear, is smallest."""
+    """Return the step towards each corner that makes the largest of the values, taken as linear, smallest."""
     from scipy.optimize import linprog
 
     count = slopes.shape[1]
@@ -84,9 +84,9 @@ def _step(values: np.ndarray, slopes: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _solved(slacks: np.ndarray, places: np.ndarray, wanted: np.ndarray) -> list[list[float]] | None:
-    """Multipliers with which all sums, as shares of the largest slack there, are above what is wanted times a number.
+    """Multipliers for which all sums, as fractions of the largest slack there, are at least `wanted` times a number.
 
-    The number is to be large; None where it cannot be positive.
+    The number is maximized; None if it cannot be positive.
     """
     from scipy.optimize import linprog
 

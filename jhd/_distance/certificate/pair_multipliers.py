@@ -29,11 +29,11 @@ from jhd._distance.certificate.verification.polynomials import BITS, elevated
 from jhd._distance.certificate.verification.surface_proofs import joined, slack_of
 from jhd._distance.certificate.verification.zeros import ZeroForm, negative, of_corners, times, value_on
 
-# Terms of the largest polynomial that is looked at.
+# Largest number of terms of a polynomial that is tried.
 _MOST_TERMS = 4000
-# Places of each part that are tried as nearest ones, and rounds in which more are tried about the nearest.
+# Points of each part that are tried as nearest ones, and rounds in which more are tried around the nearest.
 _TRIED, _ROUNDS = 48, 14
-# In which share of the ones before they lie.
+# The region of each round as a fraction of the one before.
 _ZOOM = 0.4
 
 
@@ -48,12 +48,12 @@ class PairColumns(NamedTuple):
 def pair_multipliers(
     parts: tuple[Part, Part], sides: tuple[SurfaceSide | None, SurfaceSide | None], bound: float
 ) -> list[list[float] | None] | None:
-    """Multipliers for the surfaces among two parts, None for others; None where none are found.
+    """Return multipliers for the surfaces among two parts, None for other shapes; None if none are found.
 
     Args:
-        parts: each on a domain of its own.
-        sides: the surfaces.
-        bound: the distance.
+        parts: both parts, each on a domain of its own.
+        sides: the implicit surfaces; None for other shapes.
+        bound: the distance to prove.
     """
     mine, other, domain = joined(*parts)
     count = len(parts[0].domain)
@@ -81,7 +81,7 @@ def pair_multipliers(
 
 
 def _columns(forms: Sequence[ZeroForm], domain: Sequence[tuple[int, ...]]) -> PairColumns | None:
-    """The forms in one degree."""
+    """Return the forms as columns of one degree; None if there are too many terms."""
     degree = tuple(map(max, zip(*(form.degree for form in forms), strict=True)))
     terms = [elevated(form.terms, tuple(domain), form.degree, degree) for form in forms]
     codes = sorted(set().union(*terms))
@@ -98,7 +98,7 @@ def _columns(forms: Sequence[ZeroForm], domain: Sequence[tuple[int, ...]]) -> Pa
 
 
 def _numbers(columns: PairColumns, z: np.ndarray, least: float, domain: Sequence[tuple[int, ...]]) -> np.ndarray | None:
-    """The numbers of the multipliers behind a one, in the unit of the columns."""
+    """Return the numbers of the multipliers after a leading one, in the unit of the columns."""
     from scipy.special import gammaln
 
     powers, rows, _ = columns
@@ -109,7 +109,7 @@ def _numbers(columns: PairColumns, z: np.ndarray, least: float, domain: Sequence
     coefficients = rows / np.exp(counts)[:, None]
     scale = np.maximum(np.max(np.abs(coefficients), axis=0), 1e-300)
     coefficients, rows = coefficients / scale, rows / scale
-    # The value at the nearest places, in the unit of the first column.
+    # The value at the nearest points, in the unit of the first column.
     here = float(np.prod(z**powers, axis=1) @ rows[:, 0])
     clear = here > TIGHT
     degrees = np.maximum(np.stack([powers[:, list(v)].sum(axis=1) for v in domain], axis=1), 1)
@@ -126,6 +126,7 @@ def _numbers(columns: PairColumns, z: np.ndarray, least: float, domain: Sequence
 def _convex(
     powers: np.ndarray, rows: np.ndarray, z: np.ndarray, here: float, domain: Sequence[tuple[int, ...]]
 ) -> np.ndarray | None:
+    """Return numbers that make the polynomial convex, with no slope at the nearest points `z`; None without."""
     count = len(z)
     steps = np.array([np.eye(count)[v] - np.eye(count)[variables[0]] for variables in domain for v in variables[1:]])
     corners = [np.zeros(count)]
@@ -136,7 +137,7 @@ def _convex(
     sizes = unit_of(bends[..., :1])
     slope = _first(powers, rows, z)
     ends = np.array([end - z for end in corners])
-    # Along the steps: the shares of all corners but the first.
+    # Along the steps: the barycentric coordinates of all corners but the first.
     shares = np.array([[end[v] for variables in domain for v in variables[1:]] for end in ends])
     lengths = np.maximum(np.linalg.norm(shares * sizes, axis=1), 1e-12)
     slopes = (ends @ slope) / lengths[:, None]
@@ -170,7 +171,7 @@ def _second(powers: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
 def _nearest(
     parts: tuple[Part, Part], sides: tuple[SurfaceSide | None, SurfaceSide | None], domain: Sequence[tuple[int, ...]]
 ) -> tuple[np.ndarray, float] | None:
-    """Shares of about the nearest places of both parts that count, and their distance; None where one holds none."""
+    """Barycentric coordinates of approximate nearest points of both parts, and their distance; None if one is empty."""
     draw = np.random.default_rng(len(domain))
     best: list[tuple[np.ndarray, np.ndarray]] = []
     reach, distance = 1.0, np.inf
@@ -195,7 +196,7 @@ def _nearest(
 def _drawn(
     draw: np.random.Generator, domain: Sequence[tuple[int, ...]], center: np.ndarray | None, reach: float
 ) -> np.ndarray:
-    """Shares of random places, of the corners among them at first, and about a center then."""
+    """Draw barycentric coordinates of random points: with the corners at first, then around `center`."""
     found, used = [np.zeros((_TRIED, 0))], 0
     for variables in domain:
         count = len(variables)
@@ -211,7 +212,7 @@ def _drawn(
 
 
 def _points(part: Part, shares: np.ndarray) -> np.ndarray:
-    """The points of a part at shares."""
+    """Return the points of a part at barycentric coordinates."""
 
     def values(f: dict[int, int]) -> np.ndarray:
         found = np.zeros(len(shares))
@@ -225,7 +226,7 @@ def _points(part: Part, shares: np.ndarray) -> np.ndarray:
 
 
 def _on_surface(side: SurfaceSide, part: Part, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places of a surface in a tetrahedron, near some others."""
+    """Return points of a surface in a tetrahedron, near others: barycentric coordinates and positions."""
     corners = _points(part, np.eye(4))
     found = np.concatenate([side.shares_on(corners, shares), side.inside(corners)])
     return found, found @ corners

@@ -24,7 +24,7 @@ from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 
-# Steps of Newton's method for a foot, and the shares of a step that are tried.
+# Steps of Newton's method for a foot, and the fractions of a step that are tried.
 _STEPS, _SHARES = 10, (1.0, 0.3, 0.05)
 # Steps of Newton's method for a foot on a curve.
 _CURVE_STEPS = 6
@@ -34,7 +34,7 @@ _SNAP = 1e-15
 _TINY = 1e-15
 # Points of a shape are this near to their feet, in units of the largest coordinate.
 _ON_SHAPE = 1e-9
-# Points measured at once are filled up to powers of two from here on, for which programs are few.
+# From this number on, points measured at once are padded to powers of two, for which there are few compiled functions.
 _LEAST_POINTS = 64
 
 
@@ -59,7 +59,7 @@ def _rows(numbers: Any) -> list[Any]:
 
 
 class NearFeet(NamedTuple):
-    """Places of a shape near some points: pieces, parameters and distances."""
+    """Points of a shape near given points: pieces, parameters and distances."""
 
     piece: np.ndarray
     x: np.ndarray
@@ -67,25 +67,25 @@ class NearFeet(NamedTuple):
 
 
 class ShapePlace(NamedTuple):
-    """A place of a shape: its entry in a certificate, and a point that has the place within its reach."""
+    """A point of a shape: its entry in a certificate, and a nearby point with a bound of the distance to it."""
 
     entry: dict[str, Any]
     near: NearZero
 
     @property
     def point(self) -> np.ndarray:
-        """The point in floating point."""
+        """Return the point in floating point."""
         weight = self.near.point.weight[0]
         return np.array([f.get(0, 0) / weight for f in self.near.point.coordinates])
 
 
 class ShapeSide:
-    """One shape of a pair.
+    """A shape of a pair.
 
     Args:
         shape: points, a curve, a parametric surface or a mesh.
-        exponent: coordinates are divided by its power of two.
-        center: subtracted before.
+        exponent: coordinates are divided by two to this power.
+        center: subtracted before the division.
     """
 
     def __init__(self, shape: Any, exponent: int = 0, center: Any = 0.0):
@@ -104,7 +104,7 @@ class ShapeSide:
         if self.is_rational:
             weights = unit_weights(np.asarray(plain["weights"]), tuple(range(points.ndim - 1)))
         self.rows = np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
-        # Feet on curves are looked for in space, about the center; those on other shapes by the target of the search.
+        # Feet on curves are searched in space, about the center; feet on other shapes by the target of the search.
         self._is_curve = isinstance(shape, AbstractCurve)
         if self._is_curve:
             shape = curve_in_space(BezierSegments(points, plain["weights"]))
@@ -112,29 +112,29 @@ class ShapeSide:
         self.hulls = points.reshape(len(points), -1, points.shape[-1])
 
     def scaled(self, points: np.ndarray) -> np.ndarray:
-        """Points that are given in the unit of the stored arrays."""
+        """Return points given in the unit of the stored arrays, in the unit of the side."""
         return np.ldexp(points - self.center, -self.exponent)
 
     def stored(self, points: np.ndarray) -> np.ndarray:
-        """Points in the unit of the stored arrays."""
+        """Return points in the unit of the stored arrays."""
         return np.ldexp(points, self.exponent) + self.center
 
     @property
     def cell_corners(self) -> int:
-        """Corners of the simplices that cover a piece."""
+        """Number of corners of the simplices that cover a piece."""
         return 1 if not self.corners else 2 if self.corners == (2,) else 3
 
     @property
     def parameters(self) -> int:
-        """How many numbers name a place of a piece."""
+        """Number of parameters of a point of a piece."""
         return self.exact[0].parameters
 
     def points(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """The points of places: pieces (n,), parameters (n, parameters)."""
+        """Return the points at parameters (n, parameters) of pieces (n,)."""
         return self.jets(piece, x, 0)[0]
 
     def weights(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """The weights of places, times one number for all pieces."""
+        """Return the weights at parameters of pieces, times one number for all pieces."""
         if self._triangles:
             return np.ones(len(piece))
         if not self.parameters:
@@ -143,7 +143,7 @@ class ShapeSide:
         return _contracted(self.rows[piece], bases)[:, -1]
 
     def feet(self, points: np.ndarray, proven: bool = False) -> NearFeet:
-        """Feet of points: near ones, or the nearest, which takes longer."""
+        """Return feet of points: near ones, or, if `proven`, the nearest, which takes longer."""
         count = len(points)
         rows = points[np.minimum(np.arange(max(_LEAST_POINTS, 1 << (count - 1).bit_length())), count - 1)]
         queries = in_space(rows) if self._is_curve else self.stored(rows)
@@ -153,7 +153,7 @@ class ShapeSide:
         return self.local(np.array(found.segment)[:count], np.clip(x, 0.0, 1.0), points)
 
     def feet_within(self, points: np.ndarray, limit: float) -> NearFeet:
-        """Near feet, and of points for which these are farther than a limit the nearest, which they need not be."""
+        """Return near feet; points for which these are farther than `limit` get the nearest feet."""
         feet = self.feet(points)
         far = np.flatnonzero(feet.distance > limit)
         if len(far):
@@ -164,16 +164,16 @@ class ShapeSide:
         return feet
 
     def distance(self, point: np.ndarray) -> float:
-        """About the distance of a point in the unit of the stored arrays."""
+        """Approximate distance of a point given in the unit of the stored arrays."""
         return float(np.ldexp(self.feet(self.scaled(point)[None]).distance[0], self.exponent))
 
     def place(self, point: np.ndarray) -> ShapePlace | None:
-        """The place nearest to a point in the unit of the stored arrays."""
+        """Return the point of the shape nearest to a point in the unit of the stored arrays."""
         found = self.feet_within(self.scaled(point)[None], _ON_SHAPE)
         return self.named(int(found.piece[0]), found.x[0])
 
     def named(self, piece: int, t: np.ndarray, point: np.ndarray | None = None) -> ShapePlace | None:
-        """The place at parameters of a piece, of triangles two or three barycentric ones; None without the piece."""
+        """Return the point at parameters of a piece, on triangles 2 or 3 barycentric ones; None without the piece."""
         if not 0 <= piece < len(self.exact):
             return None
         x = np.clip(t[1:] if self._triangles and len(t) == 3 else t[: self.parameters], 0.0, 1.0)
@@ -182,7 +182,7 @@ class ShapeSide:
         return ShapePlace({"piece": piece, "at": at}, NearZero(point_of(self.exact[piece], at), Fraction(0)))
 
     def samples(self, draw: np.random.Generator, count: int) -> np.ndarray:
-        """Points of random places, and of corners of the domains of pieces."""
+        """Return random points, and the corners of the domains of pieces."""
         piece = draw.integers(0, len(self.exact), count)
         x = draw.uniform(size=(count, self.parameters))
         x = np.where(draw.uniform(size=x.shape) < 0.3, np.round(x), x)
@@ -191,12 +191,12 @@ class ShapeSide:
         return self.stored(self.points(piece, x))
 
     def beside(self, points: np.ndarray) -> np.ndarray:
-        """Points of the shape near some points."""
+        """Return points of the shape near some points."""
         found = self.feet(self.scaled(points))
         return self.stored(self.points(found.piece, found.x))
 
     def local(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> NearFeet:
-        """The feet of points on named pieces, near the parameters given; on triangles the nearest places."""
+        """Return feet of points on given pieces, near the parameters x; on triangles the nearest points."""
         if self._triangles:
             x = _on_triangles(self.rows[piece, :, :-1], points)
         elif self.parameters == 1:
@@ -207,7 +207,7 @@ class ShapeSide:
         return NearFeet(piece, x, np.sqrt(np.sum(e * e, axis=-1)))
 
     def _on_curve(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """The places at which Newton's method ends, or where it started if this is nearer."""
+        """Return the parameters at which Newton's method ends, or the start if it is nearer."""
         s = x[:, 0]
         for _ in range(_CURVE_STEPS):
             s = gauss_newton(s, equation_of(points, self.curve_jet(piece, s)))
@@ -216,7 +216,7 @@ class ShapeSide:
         return np.where((before < after)[:, None], x, ended)
 
     def curve_jet(self, piece: np.ndarray, s: np.ndarray) -> CurveJet:
-        """Points, velocities and accelerations of a curve at one parameter each."""
+        """Return points, velocities and accelerations of a curve at one parameter each."""
         rows = polynomial_jet(np.moveaxis(self.rows[piece], -2, 0), s[:, None])
         return quotient(CurveJet(*(x[:, :-1] for x in rows)), CurveJet(*(x[:, -1:] for x in rows)))
 
@@ -234,7 +234,7 @@ class ShapeSide:
         return np.where(x < _SNAP, 0.0, np.where(x > 1 - _SNAP, 1.0, x))
 
     def jets(self, piece: np.ndarray, x: np.ndarray, order: int) -> list[Any]:
-        """Points, and up to the order their derivatives in the parameters, (n, i, dim) and (n, i, j, dim)."""
+        """Return points and derivatives up to `order` in the parameters, (n, i, dim) and (n, i, j, dim)."""
         rows = self.rows[piece]
         if self._triangles:
             shares = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
@@ -260,7 +260,7 @@ class ShapeSide:
 
 
 def on_triangle(x: np.ndarray) -> np.ndarray:
-    """Both parameters of a place of a triangle, their sum at most one: the difference to one may be rounded up."""
+    """Return both parameters of a point of a triangle, with a sum of at most one: 1 - x may be rounded up."""
     most = 1 - x[0]
     if Fraction(float(most)) + Fraction(float(x[0])) > 1:
         most = np.nextafter(most, 0.0)
@@ -268,7 +268,7 @@ def on_triangle(x: np.ndarray) -> np.ndarray:
 
 
 def _bases(degree: int, t: np.ndarray, order: int) -> list[np.ndarray]:
-    """The Bernstein polynomials of a degree and their derivatives up to an order, (n, degree + 1) each."""
+    """Return the Bernstein polynomials of a degree and their derivatives up to an order, (n, degree + 1) each."""
     found = [basis(degree, t)]
     for k in range(1, order + 1):
         if degree < k:
@@ -284,25 +284,25 @@ def _bases(degree: int, t: np.ndarray, order: int) -> list[np.ndarray]:
 
 
 def _derivative(rows: np.ndarray, bases: list[list[np.ndarray]], *axes: int) -> np.ndarray:
-    """The sums of control points times the derivatives of their polynomials in some parameters."""
+    """Return the sums of control points times the derivatives of their polynomials in some parameters."""
     return _contracted(rows, [b[axes.count(k)] for k, b in enumerate(bases)])
 
 
 def _contracted(rows: np.ndarray, bases: list[np.ndarray]) -> np.ndarray:
-    """The sums of control points (n, i, dim) or (n, i, j, dim) times the values of their polynomials."""
+    """Return the sums of control points (n, i, dim) or (n, i, j, dim) times the values of their polynomials."""
     for values in bases:
         rows = np.einsum("ni...,ni->n...", rows, values)
     return rows
 
 
 def _newton_step(slope: np.ndarray, first: np.ndarray, bent: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """The steps of Newton's method, of Gauss and Newton's where the distance is not convex; nothing along what is held.
+    """Return Newton's steps, or Gauss-Newton steps if the distance is not convex; zero for held parameters.
 
     Args:
         slope: the gradients of half the squared distance.
         first: the derivatives of the points.
-        bent: what the second derivatives add to the products of the first ones.
-        held: parameters that stay.
+        bent: terms that the second derivatives add to the products of the first ones.
+        held: parameters that stay fixed.
     """
     count = slope.shape[1]
     flat = np.einsum("nid,njd->nij", first, first)
@@ -319,7 +319,7 @@ def _newton_step(slope: np.ndarray, first: np.ndarray, bent: np.ndarray, held: n
 
 
 def _on_triangles(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The last two barycentric coordinates of the nearest places of triangles, one for each point."""
+    """Return the last two barycentric coordinates of the nearest points of triangles, one for each point."""
     origin, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     e = points - origin
     dots = [np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v), (e, u), (e, v))]

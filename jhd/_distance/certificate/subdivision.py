@@ -7,7 +7,7 @@ of the cell finds affine multipliers. A cell without a proof is cut between the 
 
 Between two curves no multipliers are needed. A foot makes two more maps there, with the speeds of the foot at both ends
 of the cell (as in jhd._distance.cells.branches): a Moebius map if one of the curves is rational, and a cubic one. A
-cell is cut where the distance is largest, which is where an exact bound needs a cut.
+cell is cut where the distance is largest: an exact bound needs a cut there.
 
 All of this is floating point; jhd._distance.certificate.verification checks the result exactly.
 
@@ -32,24 +32,25 @@ from jhd._distance.certificate.verification.structure import MOST_FEET
 from jhd._distance.nearest.feet import equation_of, foot_speed
 from jhd._runtime.arrays import taken
 
-# Parts into which an exact check may cut a cell here, with one foot and with several; what takes more is cut as a cell.
+# Parts into which an exact check may cut a cell here, with one foot and with several; a check that needs more parts
+# fails, and the cell is cut.
 _PARTS = {1: 60, 2: 300, 3: 300, 4: 300}
 # Degrees of the grids on which maps are compared: on an interval, on a triangle.
 _GRIDS = {1: 0, 2: 12, 3: 6}
 # Parameters of feet are rounded to multiples of this, which keeps integers short: the distance changes by its square.
 # Feet of curves on curves keep all digits: their distance may be less than the rounding of a parameter.
 _BITS = 2.0**36
-# A sample this much above the bound, as a share of it and in the unit of coordinates, rejects a map without a check.
+# A sample this much above the bound, as a fraction of it and in the unit of coordinates, rejects a map without a check.
 _SURELY = 1e-13
-# A cut this near to an end is none.
+# A cut this near to an end does not count.
 _AT_END = 4e-16
-# Nor is a cut at a smooth peak within this share of the interval: the distance is flat there.
+# Nor does a cut at a smooth peak within this fraction of the interval: the distance is flat there.
 _FLAT = 1e-9
-# A cut nearer to an end than this share of the interval is not the only one.
+# A cut nearer to an end than this fraction of the interval is not the only one.
 _NEAR_END = 0.05
 # Maps whose parameters are nearer than this are one.
 _ALIKE = 1e-9
-# Cells that are cut in one generation, and generations by the number of corners, if only far places are looked for.
+# Cells that are cut in one generation, and generations by the number of corners, if only far points are wanted.
 _BEAM = {1: 0, 2: 16, 3: 48}
 _GENERATIONS = {1: 0, 2: 48, 3: 24}
 # The letters of the halves of a triangle, for each pair of corners between which it is cut.
@@ -57,21 +58,21 @@ _LETTERS = {(0, 1): "ab", (0, 2): "cd", (1, 2): "ef"}
 
 
 class UncoveredError(Exception):
-    """The cells did not get below the bound; the message says where or why."""
+    """The cells did not get below the bound; the message names the location or the reason."""
 
 
 class CellCover(NamedTuple):
-    """Entries of a certificate, and the places of a that were met, the farthest first."""
+    """Entries of a certificate, and the points of a found on the way, the farthest first."""
 
     entries: list[dict[str, Any]]
     farthest: list[tuple[int, np.ndarray]]
 
 
 class _Open(NamedTuple):
-    """Cells that are not proven: pieces, names, the parameters of corners, their points, and the feet of these.
+    """Cells that are not proven: pieces, names, parameters of corners, their points, and the feet of these.
 
-    Where two feet are nearly equally far, that of a corner may be either of them: `more` holds places of b that are
-    tried as starts besides, those of the maps of the cell that was cut.
+    If two feet are nearly equally far, the foot of a corner may be either of them. So `more` holds further starts on b,
+    taken from the maps of the cell that was cut.
     """
 
     piece: np.ndarray
@@ -87,8 +88,8 @@ class _Open(NamedTuple):
 class _Maps(NamedTuple):
     """Maps of each cell: the piece of b, the parameters of feet, squared distances on the grid.
 
-    The parameters are Bernstein coefficients, those of an affine map the feet of the corners. If there are weights, the
-    coefficients are multiplied with them.
+    The parameters are Bernstein coefficients; for an affine map they are the feet of the corners. If there are weights,
+    the coefficients are multiplied by them.
     """
 
     piece: np.ndarray
@@ -102,17 +103,17 @@ class _Maps(NamedTuple):
 def cover_by_cells(
     source: ShapeSide, target: ShapeSide, upper: float, max_cells: int, report: Callable[[int, int], None]
 ) -> CellCover:
-    """Cells that cover the source, each proven to be at most `upper` away from the target.
+    """Return cells that cover the source, each proven to be at most `upper` away from the target.
 
     Args:
         source: the shape that is covered.
-        target: the other one, with the same exponent and center.
+        target: the other shape, with the same exponent and center.
         upper: the bound to prove, in the unit of the stored arrays.
-        max_cells: most cells, before it is given up.
+        max_cells: largest number of cells before the attempt is given up.
         report: called after each generation with the numbers of proven and of open cells.
 
     Raises:
-        UncoveredError: a place is farther away, or too many or too narrow cells would be needed.
+        UncoveredError: a point is farther away, or too many or too narrow cells would be needed.
     """
     limit = float(np.ldexp(upper, -source.exponent))
     cells, entries, known = _first(source, target, limit), [], _Known()
@@ -137,7 +138,7 @@ def cover_by_cells(
 
 
 def far_places(source: ShapeSide, target: ShapeSide) -> list[tuple[int, np.ndarray]]:
-    """Places of the source that are far from the target, the farthest first: corners of cells about them are cut on."""
+    """Return points of the source far from the target, the farthest first, found by cutting the farthest cells."""
     cells, known = _first(source, target), _Known()
     known.add(cells)
     for _ in range(_GENERATIONS[source.cell_corners]):
@@ -148,7 +149,7 @@ def far_places(source: ShapeSide, target: ShapeSide) -> list[tuple[int, np.ndarr
 
 
 class _Known:
-    """The places of corners that are farthest from the target."""
+    """The corners of cells that are farthest from the target."""
 
     # How many are kept.
     MOST = 8
@@ -157,7 +158,7 @@ class _Known:
         self.rows: dict[tuple[Any, ...], float] = {}
 
     def add(self, cells: _Open) -> None:
-        """Looks at the corners of cells."""
+        """Add the corners of cells and keep the farthest."""
         flat = cells.feet.distance.ravel()
         piece = np.repeat(cells.piece, cells.x.shape[1])
         x = cells.x.reshape(len(flat), cells.x.shape[-1])
@@ -166,12 +167,12 @@ class _Known:
         self.rows = dict(sorted(self.rows.items(), key=lambda row: -row[1])[: self.MOST])
 
     def farthest(self) -> list[tuple[int, np.ndarray]]:
-        """Pieces and parameters, the farthest first."""
+        """Return pieces and parameters, the farthest first."""
         return [(int(key[0]), np.array(key[1:], float)) for key in self.rows]
 
 
 def _first(source: ShapeSide, target: ShapeSide, limit: float | None = None) -> _Open:
-    """The pieces as cells; patches as two triangles each."""
+    """Return the pieces as cells; patches as two triangles each."""
     pieces = np.arange(len(source.exact))
     if source.cell_corners < 3:
         x = np.tile(np.linspace(0.0, 1.0, source.cell_corners)[:, None][:, : source.parameters], (len(pieces), 1, 1))
@@ -186,10 +187,10 @@ def _first(source: ShapeSide, target: ShapeSide, limit: float | None = None) -> 
 def _measured(
     source: ShapeSide, target: ShapeSide, piece: np.ndarray, name: np.ndarray, x: np.ndarray, limit: float | None
 ) -> _Open:
-    """The cells with points and feet of their corners; each place is measured once, without a limit exactly.
+    """Return cells with points and feet of their corners, each measured once; without a limit the nearest feet.
 
     Raises:
-        UncoveredError: one of them is farther away than the limit.
+        UncoveredError: a corner is farther away than the limit.
     """
     count, corners, width = x.shape
     rows = np.concatenate([np.repeat(piece, corners)[:, None], x.reshape(count * corners, width)], axis=1)
@@ -204,17 +205,17 @@ def _measured(
     return _Open(piece, name, x, points[back].reshape(count, corners, -1), shaped, shaped)
 
 
-# ---- what is proposed ----------------------------------------------------------------------------
+# ---- proposals -----------------------------------------------------------------------------------
 
 
 def _grid(corners: int) -> np.ndarray:
-    """Barycentric coordinates of the samples of a cell, (samples, corners)."""
+    """Return barycentric coordinates of the samples of a cell, (samples, corners)."""
     degree = max(_GRIDS[corners], 1)
     return np.array(exponents(corners, degree), float) / degree
 
 
 def _maps(source: ShapeSide, target: ShapeSide, cells: _Open) -> tuple[list[_Maps], list[_Maps]]:
-    """For each corner the affine map that follows its foot, and those from the other starts; the curved maps."""
+    """Return affine maps that follow the foot of each corner and the other starts; and curved maps between curves."""
     if _are_curves(source, target):
         branches = [_branch(source, target, cells, k) for k in range(2)]
         return [maps[0] for maps in branches], [each for maps in branches for each in maps[1:]]
@@ -235,7 +236,7 @@ def _are_curves(source: ShapeSide, target: ShapeSide) -> bool:
 
 
 def _branch(source: ShapeSide, target: ShapeSide, cells: _Open, k: int) -> list[_Maps]:
-    """The maps between two curves that follow the foot of corner k: affine, Moebius if needed, and cubic."""
+    """Return the maps between two curves that follow the foot of corner k: affine, Moebius if needed, and cubic."""
     piece, s = cells.feet.piece[:, k], cells.feet.x[:, k, 0]
     speed = _speeds(source, target, cells, piece, s, k)
     guess = np.clip(s - speed if k else s + speed, 0.0, 1.0)
@@ -252,7 +253,7 @@ def _branch(source: ShapeSide, target: ShapeSide, cells: _Open, k: int) -> list[
 
 
 def _speeds(source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarray, s: np.ndarray, k: int) -> np.ndarray:
-    """How fast feet of corner k on curves move, in parameters over the length of the cell."""
+    """Return the speeds of the feet of corner k on curves, in parameters over the length of the cell."""
     width = cells.x[:, 1, 0] - cells.x[:, 0, 0]
     point, velocity, _ = source.curve_jet(cells.piece, cells.x[:, k, 0])
     return width * foot_speed(s, equation_of(point, target.curve_jet(piece, s)), velocity, width)
@@ -261,7 +262,7 @@ def _speeds(source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarra
 def _with_squares(
     source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarray, x: np.ndarray, weights: Any = None
 ) -> _Maps:
-    """The maps with the squared distances on the grid."""
+    """Return the maps with the squared distances on the grid."""
     grid = _grid(source.cell_corners)
     shares = grid if x.shape[1] == grid.shape[1] else basis(x.shape[1] - 1, grid[:, 1])
     feet = np.einsum("sk,nkp->nsp", shares, x)
@@ -271,13 +272,13 @@ def _with_squares(
 
 
 def _sampled(side: ShapeSide, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Points of a shape at parameters (cells, samples, parameters), those of a cell on one piece."""
+    """Return points of a shape at parameters (cells, samples, parameters); the samples of a cell are on one piece."""
     count, samples, width = x.shape
     return side.points(np.repeat(piece, samples), x.reshape(count * samples, width)).reshape(count, samples, -1)
 
 
 def _rounded(target: ShapeSide, x: np.ndarray) -> np.ndarray:
-    """Parameters with few digits, inside their domain."""
+    """Return parameters with few digits, inside their domain."""
     x = np.clip(np.round(x * _BITS) / _BITS, 0.0, 1.0)
     if target.corners == (3,):
         x[:, 1] = np.minimum(x[:, 1], 1 - x[:, 0])
@@ -293,7 +294,7 @@ def _accepted(
     upper: float,
     limit: float,
 ) -> list[dict[str, Any] | None]:
-    """For each cell an entry that the exact check accepts: of the best affine map, a curved one, or several."""
+    """Return for each cell an entry that the exact check accepts: of the best affine map, a curved one, or several."""
     best = np.argmin([np.max(each.squares, axis=1) for each in maps], axis=0)
     least = np.max(np.min([each.squares for each in maps], axis=0), axis=1)
     enough = (limit * (1 + _SURELY) + _SURELY) ** 2
@@ -312,7 +313,7 @@ def _accepted(
 def _by_several(
     source: ShapeSide, target: ShapeSide, cells: _Open, k: int, maps: list[_Maps], upper: float, limit: float
 ) -> dict[str, Any] | None:
-    """An entry with several feet, where multipliers for them are found."""
+    """Return an entry with several feet, if multipliers for them are found."""
     chosen = [maps[i] for i in _different(maps, k)[:MOST_FEET]]
     if len(chosen) < 2:
         return None
@@ -332,7 +333,7 @@ def _by_several(
 
 
 def _different(maps: list[_Maps], k: int) -> list[int]:
-    """The maps of a cell that are not alike, those that are somewhere the nearest first."""
+    """Return the distinct maps of a cell, in the order of how close each comes to being nearest at some sample."""
     squares = np.stack([each.squares[k] for each in maps])
     order = np.argsort(np.min(squares - squares.min(axis=0), axis=1), kind="stable")
     chosen: list[int] = []
@@ -344,7 +345,7 @@ def _different(maps: list[_Maps], k: int) -> list[int]:
 
 
 def _with_starts(cells: _Open, maps: list[_Maps]) -> _Open:
-    """The cells with starts from their own maps for those that they are cut into."""
+    """Return the cells with starts from their own maps, for the parts that they are cut into."""
     count, corners, _ = cells.x.shape
     index = np.array([(_different(maps, k) * corners)[:corners] for k in range(count)])
     rows = np.arange(count)[:, None]
@@ -362,7 +363,7 @@ def _checked(
     weights: list[list[float]] | None,
     upper: float,
 ) -> dict[str, Any] | None:
-    """The entry of a cell with these maps; None where the exact check does not accept it."""
+    """Return the entry of a cell with these maps; None if the exact check does not accept it."""
     piece, corners = int(cells.piece[k]), source.cell_corners
     feet = [_foot(each, k) for each in maps]
     part = composed(source.exact[piece], simplex_map(source.exact[piece], corners, cells.x[k].tolist()))
@@ -377,14 +378,14 @@ def _checked(
 
 
 def _foot(maps: _Maps, k: int) -> dict[str, Any]:
-    """The map of a cell as certificates have it."""
+    """Return the map of a cell in the form of certificates."""
     if maps.weights is None:
         return {"piece": int(maps.piece[k]), "map": shortest(maps.x[k]), "weights": None}
     return {"piece": int(maps.piece[k]), "map": maps.x[k].tolist(), "weights": maps.weights[k].tolist()}
 
 
 def shortest(x: np.ndarray) -> list[list[float]]:
-    """The rows of a map; one where all are the same place."""
+    """Return the rows of a map; one row if all are equal."""
     return x[:1].tolist() if np.all(x == x[0]) else x.tolist()
 
 
@@ -392,10 +393,11 @@ def shortest(x: np.ndarray) -> list[list[float]]:
 
 
 def _cuts(source: ShapeSide, target: ShapeSide, cells: _Open, maps: list[_Maps], limit: float) -> np.ndarray:
-    """Parameters at which intervals are cut, (cells, 2): the middle, or between two curves where a bound needs a cut.
+    """Return parameters at which to cut intervals, (cells, 2): the middle, or, between curves, as an exact bound needs.
 
-    This is the peak of the distance. If the peak is not too high, it is the place where the foot of a branch reaches
-    the end of its piece; beyond, another piece has to be followed. Near an end the interval is cut in the middle, too.
+    This is the peak of the distance. If the peak is not too high, it is the parameter at which the foot of a branch
+    reaches the end of its piece; beyond, another piece has to be followed. Near an end the interval is cut in the
+    middle, too.
     """
     t0, t1 = cells.x[:, 0, 0], cells.x[:, -1, -1]
     width, middle = t1 - t0, 0.5 * (t0 + t1)
@@ -421,7 +423,7 @@ def _parts(
     limit: float | None = None,
     cuts: np.ndarray | None = None,
 ) -> _Open:
-    """The parts of each cell: of an interval those between its cuts, by default halves; of a triangle halves.
+    """Return the parts of each cell: between the cuts of an interval, by default halves; halves of a triangle.
 
     Raises:
         UncoveredError: there is a cell that cannot be cut.
@@ -447,13 +449,13 @@ def _parts(
 
 
 def longest_side(points: np.ndarray) -> str:
-    """The letters of the halves between those corners of an interval or a triangle that are farthest apart."""
+    """Return the letters of the halves between the two farthest corners of an interval or a triangle."""
     pairs = list(_LETTERS) if len(points) == 3 else [(0, 1)]
     return _LETTERS[max(pairs, key=lambda pair: float(np.sum((points[pair[0]] - points[pair[1]]) ** 2)))]
 
 
 def half_of_cell(x: np.ndarray, letter: str, depth: int = 0) -> Any:
-    """The half that a letter names of a cell with these parameters of its corners, which has been cut so often."""
+    """Return the half, named by `letter`, of a cell with these parameters of its corners and number of cuts."""
     if len(x) > 2:
         return half(tuple(map(tuple, x.tolist())), letter, depth)
     middle = 0.5 * (x[0] + x[1])

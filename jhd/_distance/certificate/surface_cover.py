@@ -34,22 +34,23 @@ Side = ShapeSide | SurfaceSide
 _PARTS, _FEW_PARTS = 120, 6
 # Degrees of the grids in cells, by the number of corners.
 _GRIDS = {1: 1, 2: 6, 3: 3, 4: 2}
-# Times that maps are moved to the foot of the tight place, a move that is none, and a slack below which it is vain.
+# How often maps are moved to the foot of the tight point, the move below which this ends, and the slack below which it
+# is useless.
 _MOVED, _STILL, _FAR = 5, 1e-9, 0.1
 # Feet of a cell that are tried together, at most.
 _FEET = 3
-# Maps whose places are nearer than this share of the size are one.
+# Maps whose points are nearer than this fraction of the size count as one.
 _ALIKE = 1e-6
-# A place this much farther away than the bound, as a share, is looked at by the search.
+# If a point is farther away than the bound by more than this fraction, the search decides.
 _SURELY = 1e-9
-# Places of feet are rounded to multiples of this share of the size.
+# The points of feet are rounded to multiples of this fraction of the size.
 _BITS = 2.0**40
-# How much wider a tube is than its samples ask for, and the least, as a share of the size.
+# How much wider a tube is than its samples need, and the least width, as a fraction of the size.
 _WIDER, _THIN = 1.5, 2.0**-26
 
 
 class _SurfaceCell(NamedTuple):
-    """A piece of the source, its part by name, and the parameters of the corners of that."""
+    """A piece of the source, a part of it by name, and the parameters of the part's corners."""
 
     piece: int
     name: str
@@ -59,7 +60,7 @@ class _SurfaceCell(NamedTuple):
 def cover_with_surfaces(
     source: Side, target: Side, upper: float, max_cells: int, report: Callable[[int, int], None]
 ) -> list[dict[str, Any]]:
-    """As `cover_by_cells`, of shapes of which one or both are implicit surfaces; all in the unit of the arrays."""
+    """Return cells as `cover_by_cells` does, for shapes with an implicit surface; all in the unit of the arrays."""
     if isinstance(target, SurfaceSide) and not target.is_found:
         raise UncoveredError("no point of the other surface is proven: no change of sign of its polynomial was found.")
     left, entries = _first(source), []
@@ -105,7 +106,7 @@ def _halves(source: Side, cell: _SurfaceCell) -> list[_SurfaceCell]:
 
 
 class _FootMap(NamedTuple):
-    """A map of a cell into the target: rows of parameters or of points, and a way along which a surface is crossed."""
+    """A map of a cell into the target: rows of parameters or points, and a vector along which it crosses a surface."""
 
     piece: int
     rows: np.ndarray
@@ -113,7 +114,7 @@ class _FootMap(NamedTuple):
 
 
 class _Tried:
-    """A cell for which an entry is looked for."""
+    """A cell for which an entry is searched."""
 
     def __init__(self, source: Side, target: Side, cell: _SurfaceCell, upper: float):
         self.source, self.target, self.cell, self.upper = source, target, cell, upper
@@ -121,7 +122,7 @@ class _Tried:
         self.points = self._points(np.eye(self.corners))
 
     def entry(self) -> dict[str, Any] | None:
-        """An entry that integers accept; None where none is found."""
+        """Return an entry that integers accept; None if none is found."""
         source, cell = self.source, self.cell
         exact = source.exact[cell.piece]
         self.map = simplex_map(exact, self.corners, cell.x.tolist())
@@ -149,7 +150,7 @@ class _Tried:
         return self.source.points(np.full(len(shares), self.cell.piece), shares @ self.cell.x)
 
     def _representatives(self) -> np.ndarray:
-        """Places of the source in the cell, at which feet are looked for."""
+        """Return points of the source in the cell, for which feet are searched."""
         points = self._points(_grid(self.corners, _GRIDS[self.corners]))
         if not isinstance(self.source, SurfaceSide):
             return points
@@ -159,7 +160,7 @@ class _Tried:
     # ---- maps --------------------------------------------------------------------------------------
 
     def _maps(self) -> list[_FootMap]:
-        """Maps that follow the feet of some places of the cell."""
+        """Return maps that follow the feet of some points of the cell."""
         places = self._representatives()
         if len(places):
             far = np.argsort(-np.sum((places - places.mean(axis=0)) ** 2, axis=1))
@@ -174,7 +175,7 @@ class _Tried:
                 for foot in feet[: 1 if self.corners == 1 else 2]:
                     self._add(found, self._along_surface(place, foot))
             return found
-        # Of places that are not on the source none is too far away.
+        # Points that are not on the source cannot be too far away.
         near = self.target.feet_within(chosen, self.upper * (1 + _SURELY) if len(places) else np.inf)
         for k, place in enumerate(chosen):
             self._look(place, float(near.distance[k]), len(places) > 0)
@@ -182,7 +183,7 @@ class _Tried:
         return found
 
     def _look(self, place: np.ndarray, distance: float, is_there: bool) -> None:
-        """UncoveredError where a place of the source is farther away than the bound."""
+        """Raise UncoveredError if the point `place` of the source is farther away than the bound."""
         if not is_there:
             return
         if distance > self.upper * (1 + _SURELY):
@@ -209,6 +210,7 @@ class _Tried:
         return _FootMap(piece, rows, np.zeros(3))
 
     def _along_surface(self, place: np.ndarray, foot: SurfaceFoot, u: np.ndarray | None = None) -> _FootMap | None:
+        """Return the map that follows `foot` on the target surface, with a vector across it; None if it fails."""
         target = cast(SurfaceSide, self.target)
         free = ~foot.held
         slope = np.where(free, target.slopes(foot.point), 0.0)
@@ -236,10 +238,10 @@ class _Tried:
         rounded = np.where(free & ((rounded < low) | (rounded > high)), rows, rounded)
         return _FootMap(0, rounded, target.without_tiny(np.where(free, way * (1 - 1e-9), 0.0)))
 
-    # ---- what is proven ------------------------------------------------------------------------------
+    # ---- proofs --------------------------------------------------------------------------------------
 
     def _choices(self, maps: list[_FootMap]) -> list[list[_FootMap]]:
-        """Single maps, the best one first, and some together."""
+        """Return single maps, the best first, or else one set of several maps."""
         places = self._representatives()
         if not len(places):
             return [maps[:1]]
@@ -281,7 +283,7 @@ class _Tried:
         return self.target.points(np.full(len(shares), foot.piece), shares @ foot.rows)
 
     def _with(self, entry: dict[str, Any], feet: list[_FootMap]) -> dict[str, Any] | None:
-        """The entry with these maps, moved so that they are sharp where the bound is; None where it is not proven."""
+        """Return the entry with these maps, moved to be sharp at the tight point; None if it is not proven."""
         intervals = len(feet) if isinstance(self.target, SurfaceSide) else 0
         tight = self._tight(feet, intervals)
         for _ in range(_MOVED):
@@ -304,7 +306,7 @@ class _Tried:
         return None if found is None else self._checked(entry, feet, found, _PARTS)
 
     def _degrees(self, feet: int) -> tuple[int, int]:
-        """Those of the polynomial that is proven, in the cell and along a foot."""
+        """Return the degrees of the polynomial to prove: in the cell and along a foot."""
         source, target = self.source, self.target
         mine, other = (1 if isinstance(side, SurfaceSide) else sum(side.degrees) for side in (source, target))
         inside, along = 2 * (mine + other) + (feet > 1), 0
@@ -320,7 +322,7 @@ class _Tried:
         return tight_place(partial(self._terms, feet), constrain, self.corners, intervals, near)
 
     def _moved(self, foot: _FootMap, tight: TightPlace, k: int) -> _FootMap:
-        """The map that takes the tight place to its own foot; the same where there is none near."""
+        """Return the map that takes the tight point to its own foot; the map itself if no foot is near."""
         place, at = self._points(tight.u[None])[0], tight.u @ foot.rows
         if isinstance(self.target, SurfaceSide):
             found = self.target.foot(place, at + tight.s[k] * foot.way)
@@ -331,6 +333,7 @@ class _Tried:
         return foot if moved is None else moved
 
     def _terms(self, feet: list[_FootMap], shares: np.ndarray, places: np.ndarray) -> Terms:
+        """Return the slacks of feet, and the values of both polynomials, at samples of the cell."""
         points = self._points(shares)
         slacks, there = [], []
         mine = weights_of(self.source, self.cell.piece, shares @ self.cell.x)
@@ -348,7 +351,7 @@ class _Tried:
     def _checked(
         self, entry: dict[str, Any], feet: list[_FootMap], found: SurfaceMultipliers, parts: int
     ) -> dict[str, Any] | None:
-        """The entry, if integers accept it."""
+        """Return the entry, if integers accept it."""
         done = {**entry, "multipliers": found.feet}
         if isinstance(self.target, SurfaceSide):
             scale = self.upper**2 * self.target.scale
@@ -366,7 +369,7 @@ class _Tried:
         return done if failed is None else None
 
     def _that_count(self, shares: np.ndarray, feet: list[_FootMap]) -> tuple[np.ndarray, np.ndarray]:
-        """Shares of places of the source near some others, and the places along the feet that are on the target."""
+        """Return barycentric coordinates of source points near given ones, and the target points along the feet."""
         if isinstance(self.source, SurfaceSide):
             shares = self.source.shares_on(self.points, shares)
         places = np.zeros((len(shares), len(feet)))
@@ -382,7 +385,7 @@ class _Tried:
 
 
 def weights_of(side: Side, piece: int, x: np.ndarray) -> np.ndarray:
-    """The weights at places of a piece."""
+    """Return the weights at parameters of a piece."""
     if isinstance(side, SurfaceSide):
         return np.ones(len(x))
     exact = side.exact[piece]
@@ -395,7 +398,7 @@ def _grid(corners: int, degree: int) -> np.ndarray:
 
 
 def _crossings(target: SurfaceSide, q: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
-    """How far along the normal the surface is from places; None where Newton's method does not find it."""
+    """Return the distances along the normal from points to the surface; None if Newton's method finds none."""
     s = np.zeros(len(q))
     for _ in range(8):
         at = q + s[:, None] * normal

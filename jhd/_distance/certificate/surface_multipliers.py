@@ -6,9 +6,9 @@ The polynomial that must not be negative,
 
 as in `verification.surface_proofs`, is linear in all multipliers, which are affine in the cell and in the points along
 the feet. If there is room, all of its Bernstein coefficients are made positive. If the bound is sharp, they cannot be:
-at points where all polynomials are zero it does not depend on their multipliers, and among these points the one at
-which the largest slack is smallest is tight. There the polynomial must have no slope. It is made convex by second
-derivatives in directions that are added where it is not convex.
+at points where all polynomials are zero it does not depend on their multipliers, and the one of these points at which
+the largest slack is smallest is tight. There the polynomial must have no slope. It is made convex by conditions on
+second derivatives, with directions added where it is not convex.
 """
 
 from collections.abc import Callable
@@ -22,31 +22,31 @@ from jhd._distance.certificate.verification.polynomials import exponents, multin
 
 # Rounds in which directions are added.
 _ROUNDS = 8
-# A slack above this share of the largest is not tight. A tight place is looked for so often, at first and where it is
-# known roughly, each time among so many places in this share of those before.
+# A slack above this fraction of the largest is not tight. The tight point is searched in this many rounds, from scratch
+# and from a known neighborhood, each with this many points in a region that shrinks by this factor.
 TIGHT, _ZOOMS, _ZOOM, _TRIED = 0.03, (4, 11), 0.25, 16
-# The largest multiplier of polynomials whose largest value is one, over the largest slack; what a sum of them costs.
+# The largest multiplier of polynomials whose largest value is one, over the largest slack; the cost of a sum of them.
 LARGEST, COST = 30.0, 1e-4
 # The second derivative that is enough, the least one that is taken, and roots of one that are as good as zero.
 _GROWTH, _CONVEX, _FLAT = 1.0, 0.1, 1e-8
-# Differences that stand for first and second derivatives, and slopes that are as good as none, over the root of the
-# slack, in the unit of the second derivatives.
+# Differences that stand for first and second derivatives, and slopes that count as zero, over the root of the slack, in
+# the unit of the second derivatives.
 _DIFFERENCE, _BENT, SLOPE = 1e-7, 1e-3, 0.05
-# The share of the slack at a tight place that is kept everywhere, and the least square of a distance to it.
+# The fraction of the slack at a tight point that is kept everywhere, and the least square of a distance to it.
 KEPT, LEAST_FAR = 0.5, 1e-7
 # Coefficients of the largest polynomial that is made positive at once.
 _MOST_ROWS = 1200
-# Multipliers are rounded to multiples of this share of the largest.
+# Multipliers are rounded to multiples of this fraction of the largest.
 _BITS = 2.0**44
 
 
 class Terms(NamedTuple):
-    """What multipliers multiply at samples: slacks of the feet, and the polynomials there and on the source.
+    """Factors of the multipliers at samples: slacks of the feet, and the polynomials there and on the source.
 
     Args:
-        slacks: (feet, samples), over the square of the bound.
-        there: (feet, samples), or no rows where the feet are on no implicit surface.
-        here: (samples,), or None where the source is no implicit surface.
+        slacks: (feet, samples), divided by the square of the bound.
+        there: (feet, samples), or no rows if the target is no implicit surface.
+        here: (samples,), or None if the source is no implicit surface.
     """
 
     slacks: np.ndarray
@@ -55,21 +55,21 @@ class Terms(NamedTuple):
 
 
 class SurfaceMultipliers(NamedTuple):
-    """Multipliers of the feet (None of one foot), of the polynomials of the feet, and of that of the source."""
+    """Multipliers of the feet (None for one foot), of the polynomials of the feet, and of the source's polynomial."""
 
     feet: list[list[float]] | None
     there: list[list[float]]
     here: list[float] | None
 
 
-# The terms at shares (samples, corners) and places (samples, feet) from -1 to 1.
+# Returns the terms at barycentric coordinates (samples, corners) and positions (samples, feet) from -1 to 1.
 Evaluate = Callable[[np.ndarray, np.ndarray], Terms]
-# Shares and places near given shares at which all polynomials are zero, as many as there are.
+# Returns the coordinates and positions near given coordinates at which all polynomials are zero, as many as there are.
 Constrain = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class TightPlace(NamedTuple):
-    """The place among those that count where the largest slack is smallest, and this."""
+    """The admissible point at which the largest slack is smallest, and this slack."""
 
     u: np.ndarray
     s: np.ndarray
@@ -77,7 +77,7 @@ class TightPlace(NamedTuple):
 
     @property
     def is_clear(self) -> bool:
-        """Whether the slack is large everywhere."""
+        """Return whether the slack is large everywhere."""
         return self.least > TIGHT
 
 
@@ -85,11 +85,11 @@ class Program(NamedTuple):
     """A linear program for multipliers.
 
     Args:
-        fixed: how many of the first numbers are not negative, with a sum of one.
-        most: the largest of the others.
-        slopes: rows with which the numbers are not negative, to a little.
-        slope: how much a little is.
-        price: of a sum of multipliers as large as they may be.
+        fixed: number of leading variables, which are not negative and have the sum one.
+        most: largest absolute value of the other variables.
+        slopes: rows whose products with the variables are not negative, up to `slope`.
+        slope: tolerance of these products.
+        price: cost of the other variables if all are as large as possible.
     """
 
     fixed: int
@@ -99,12 +99,12 @@ class Program(NamedTuple):
     price: float = COST
 
     def solved(self, rows: np.ndarray, far: np.ndarray, least: float) -> np.ndarray | None:
-        """Numbers with which all rows are at least `least` and a number times `far`, which is large; None without.
+        """Return variables with all rows at least `least` + t `far` for the largest t; None if t is not positive.
 
         Args:
-            rows: what the numbers are multiplied with.
-            far: for each row, positive.
-            least: what is wanted everywhere.
+            rows: coefficients of the variables.
+            far: positive, one for each row.
+            least: lower bound of all rows.
         """
         from scipy.optimize import linprog
 
@@ -132,13 +132,13 @@ class Program(NamedTuple):
 def plain_multipliers(
     evaluate: Evaluate, tight: TightPlace, feet: int, degrees: tuple[int, int]
 ) -> SurfaceMultipliers | None:
-    """Multipliers with which all Bernstein coefficients are positive, so that nothing has to be cut; None without.
+    """Return multipliers that make all Bernstein coefficients positive, so that no cut is needed; None without.
 
     Args:
-        evaluate: the terms at any places.
-        tight: the tight place, where the slack is positive.
-        feet: how many.
-        degrees: of the polynomial, in the cell and along each foot.
+        evaluate: returns the terms at any points.
+        tight: the tight point, with a positive slack.
+        feet: number of feet.
+        degrees: degrees of the polynomial, in the cell and along each foot.
     """
     corners, intervals = len(tight.u), len(tight.s)
     nodes, matrix = _interpolation(corners, degrees[0])
@@ -153,7 +153,7 @@ def plain_multipliers(
     rows = _MultiplierRows(evaluate(shares, places), shares, places)
     rows.rows = matrix @ rows.rows
     far = np.sum((shares - tight.u) ** 2, axis=1)
-    # With room the coefficients are made as large as can be, about a tight place as they can be there.
+    # If there is room, the coefficients are as large as possible, near a tight point as large as possible there.
     far = np.ones(len(far)) if tight.is_clear else np.maximum(far, LEAST_FAR)
     least = 0.0 if tight.is_clear else KEPT * tight.least
     x = rows.solved(far, least, 10 * COST)
@@ -162,7 +162,7 @@ def plain_multipliers(
 
 @cache
 def _interpolation(corners: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of a simplex, and the matrix that makes Bernstein coefficients of values at them."""
+    """Return nodes of a simplex, and the matrix from values at the nodes to Bernstein coefficients."""
     terms = np.array(exponents(corners, degree))
     nodes = terms / max(degree, 1) if degree else np.full((1, corners), 1 / corners)
     powers = np.prod(nodes[:, None] ** terms[None], axis=-1)
@@ -170,12 +170,12 @@ def _interpolation(corners: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def convex_multipliers(evaluate: Evaluate, tight: TightPlace, feet: int) -> SurfaceMultipliers | None:
-    """Multipliers with which the polynomial is convex and has no slope at the tight place; None where there are none.
+    """Return multipliers for a polynomial that is convex and has no slope at the tight point; None if none exist.
 
     Args:
-        evaluate: the terms at any places.
-        tight: the tight place, where the slack is positive.
-        feet: how many.
+        evaluate: returns the terms at any points.
+        tight: the tight point, with a positive slack.
+        feet: number of feet.
     """
     u, s, _ = tight
     corners, intervals = len(u), len(s)
@@ -195,13 +195,13 @@ def convex_multipliers(evaluate: Evaluate, tight: TightPlace, feet: int) -> Surf
 
 
 def unit_of(bends: np.ndarray) -> np.ndarray:
-    """The roots of second derivatives (places, directions, directions, columns) along each direction."""
+    """Return a unit for each direction: roots of second derivatives (places, directions, directions, columns)."""
     sizes = np.sqrt(np.max(np.abs(np.einsum("maac->mac", bends)), axis=(0, 2)))
     return np.maximum(sizes, max(_FLAT * float(np.max(sizes, initial=0.0)), _FLAT**2))
 
 
 def convex(program: Program, bends: np.ndarray) -> np.ndarray | None:
-    """Numbers with which the second derivatives are positive definite at all places; None without."""
+    """Return variables for which the second derivatives are positive definite at all points; None if none exist."""
     axes = np.eye(bends.shape[1])
     pairs = [axes[a] + w * axes[b] for a in range(len(axes)) for b in range(a) for w in (-1, 1)]
     directions = np.array([*axes, *pairs])
@@ -221,7 +221,7 @@ def convex(program: Program, bends: np.ndarray) -> np.ndarray | None:
 
 
 def _bends(rows: "_MultiplierRows", evaluate: Evaluate, shares: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Second derivatives of the rows at some places, (places, directions, directions, columns)."""
+    """Return the second derivatives of the rows at some points, (places, directions, directions, columns)."""
     corners, intervals = shares.shape[1], places.shape[1]
     steps = [(np.eye(corners)[k] - np.eye(corners)[0], np.zeros(intervals)) for k in range(1, corners)]
     steps += [(np.zeros(corners), np.eye(intervals)[k]) for k in range(intervals)]
@@ -239,14 +239,14 @@ def _bends(rows: "_MultiplierRows", evaluate: Evaluate, shares: np.ndarray, plac
 def tight_place(
     evaluate: Evaluate, constrain: Constrain, corners: int, intervals: int, near: np.ndarray | None = None
 ) -> TightPlace | None:
-    """The tight place; None where none is found in a cell of one corner.
+    """Return the tight point; None if none is found in a cell of one corner.
 
     Args:
-        evaluate: the terms at any places.
-        constrain: the places that count.
-        corners: of the cell.
-        intervals: how many feet have places along them.
-        near: shares of a place near it, from which it is looked for more closely.
+        evaluate: returns the terms at any points.
+        constrain: returns the nearest admissible points.
+        corners: number of corners of the cell.
+        intervals: number of feet with an interval of points along them.
+        near: barycentric coordinates of a nearby point, around which the search starts in a smaller region.
     """
     draw = np.random.default_rng(corners + 64 * intervals)
     if near is None:
@@ -267,13 +267,13 @@ def tight_place(
         tried = on_sides(best.u + reach * (_drawn(draw, corners) - best.u), best.u, reach)
         reach *= _ZOOM
     if best is None and corners > 1:
-        # A cell that holds no place that counts, but is not known to be free of them, has room.
+        # A cell without admissible points, not known to be free of them, has room.
         return TightPlace(np.full(corners, 1 / corners), np.zeros(intervals), 1.0)
     return best
 
 
 def _drawn(draw: np.random.Generator, corners: int) -> np.ndarray:
-    """Shares of random places, some of them on sides."""
+    """Draw barycentric coordinates of random points, some of them on sides."""
     if corners == 1:
         return np.ones((1, 1))
     shares = draw.dirichlet(np.full(corners, 0.7), size=_TRIED)
@@ -282,7 +282,7 @@ def _drawn(draw: np.random.Generator, corners: int) -> np.ndarray:
 
 
 def on_sides(shares: np.ndarray, center: np.ndarray, reach: float) -> np.ndarray:
-    """Places about a center, a third of them on the sides on which it is, and one on those that are near."""
+    """Return points, a third of them moved to the sides that hold `center`, and a third to the sides near them."""
     number = np.arange(len(shares))[:, None] % 3
     kept = np.where(number == 1, center > 0, np.where(number == 2, shares >= reach, True))
     return np.where(kept.any(axis=1, keepdims=True), _normal(shares * kept), shares)
@@ -294,7 +294,7 @@ def _normal(shares: np.ndarray) -> np.ndarray:
 
 
 def _slopes(rows: "_MultiplierRows", evaluate: Evaluate, u: np.ndarray, s: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """The derivatives of the rows at a place in all directions in which it can be left, each of length one."""
+    """Return the derivatives of the rows at a point in all directions that stay in the domain, each of length one."""
     ends = [(corner, s) for corner in np.eye(len(u))]
     for k in range(len(s)):
         for end in (-1.0, 1.0):
@@ -311,12 +311,12 @@ def _slopes(rows: "_MultiplierRows", evaluate: Evaluate, u: np.ndarray, s: np.nd
 
 
 class _MultiplierRows:
-    """The linear program: a row for each sample, a column for each number of the multipliers, one a constant.
+    """The linear program: a row for each sample, a column for each number of the multipliers, or one for a constant.
 
     Args:
-        terms: at the samples.
-        shares: of the samples.
-        places: along the feet.
+        terms: the terms at the samples.
+        shares: barycentric coordinates of the samples.
+        places: positions along the feet.
     """
 
     def __init__(self, terms: Terms, shares: np.ndarray, places: np.ndarray):
@@ -328,7 +328,7 @@ class _MultiplierRows:
         self.fixed = len(terms.slacks) * shares.shape[1] if len(terms.slacks) > 1 else 1
 
     def of(self, terms: Terms, shares: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """The rows of samples."""
+        """Return the rows of samples."""
         if len(terms.slacks) == 1:
             columns = [terms.slacks[0][:, None]]
         else:
@@ -342,12 +342,12 @@ class _MultiplierRows:
         return np.concatenate(columns, axis=1)
 
     def solved(self, far: np.ndarray, least: float, price: float) -> np.ndarray | None:
-        """Numbers with which all rows are at least `least` and a number times `far`, which is large; None without."""
+        """Return variables with all rows at least `least` + t `far` for the largest t; None if t is not positive."""
         program = Program(self.fixed, self.most, np.zeros((0, self.rows.shape[1])), price=price)
         return program.solved(self.rows, far, least)
 
     def written(self, x: np.ndarray, corners: int, feet: int, intervals: int) -> SurfaceMultipliers:
-        """The multipliers in the unit of the terms."""
+        """Return the multipliers in the unit of the terms."""
         used = 1 if feet == 1 else feet * corners
         rows = None if feet == 1 else few_bits(x[:used] + 1e-9).reshape(feet, corners).tolist()
         there = []
@@ -359,7 +359,7 @@ class _MultiplierRows:
 
 
 def few_bits(x: np.ndarray) -> np.ndarray:
-    """Numbers with few digits, next to these."""
+    """Return nearby numbers with few digits."""
     size = float(np.max(np.abs(x)))
     if size == 0:
         return x

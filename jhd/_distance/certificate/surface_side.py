@@ -1,4 +1,4 @@
-"""An implicit surface on the host: points of it, feet of points on it, and its pieces in integers.
+"""An implicit surface on the host: its points, feet of points on it, and its pieces in integers.
 
 Points of the surface are found where the polynomial changes its sign along the lines of a grid, including lines in the
 faces of the box. A foot is followed by Newton's method for the equations of Lagrange, along the faces of the box that
@@ -20,20 +20,20 @@ from jhd._shapes.implicit import ImplicitSurface
 
 # Nodes of the grid along each axis, and halvings of its edges.
 _NODES, _HALVINGS = 17, 48
-# Steps towards a foot, and points of the surface from which it is looked for.
+# Steps towards a foot, and the number of surface points from which the search starts.
 _STEPS, _STARTS = 12, 3
-# Coordinates below this share of the size are zero.
+# Coordinates below this fraction of the size count as zero.
 _TINY = 2.0**-70
-# Lengths of ways across the surface that are tried, as shares of the size of its box.
+# Lengths of vectors across the surface that are tried, as fractions of the size of its box.
 _WAYS = (0.0, *(2.0**k for k in range(-52, -24, 3)))
-# Points this near to a face of the box, as a share of its size, are looked for on it.
+# Points this near to a face of the box, as a fraction of its size, are searched on the face.
 _AT_FACE = 2.0**-44
-# A foot that is found again within this share of the box is the same.
+# Feet within this fraction of the box are one foot.
 _ALIKE = 1e-7
 
 
 class SurfaceFoot(NamedTuple):
-    """A foot on a surface, which of its coordinates stay on a face of the box, and how it moves with the point."""
+    """A foot on a surface, which of its coordinates are held on a face of the box, and its derivative in the point."""
 
     point: np.ndarray
     held: np.ndarray
@@ -46,7 +46,7 @@ class SurfaceSide:
 
     Args:
         surface: the surface.
-        hints: points that are on it or near, as the search has found them.
+        hints: points on the surface or near it, found by the search.
     """
 
     def __init__(self, surface: ImplicitSurface, hints: np.ndarray):
@@ -56,7 +56,7 @@ class SurfaceSide:
         self.lower, self.upper = (np.asarray(plain[end], float) for end in ("lower", "upper"))
         self.size = float(np.linalg.norm(self.upper - self.lower))
         rows = np.asarray(plain["coefficients"], float)
-        # Values in floating point are those of the polynomial times this.
+        # Values in floating point are the polynomial's values times this.
         self.scale = 1 / float(np.max(np.abs(rows)))
         self._rows = rows * self.scale
         self._slopes = [_derivative(self._rows, i) for i in range(3)]
@@ -69,17 +69,17 @@ class SurfaceSide:
         self._samples = np.concatenate([self._on_grid(), self._on_surface(hints)])
 
     def values(self, points: np.ndarray) -> np.ndarray:
-        """Values of the polynomial over its largest coefficient at points (..., 3)."""
+        """Return the values of the polynomial, divided by its largest coefficient, at points (..., 3)."""
         x, y, z = np.moveaxis(points, -1, 0)
         return np.asarray(polynomial.polyval3d(x, y, z, self._rows))
 
     def slopes(self, points: np.ndarray) -> np.ndarray:
-        """Gradients of it."""
+        """Return the gradients of the polynomial."""
         x, y, z = np.moveaxis(points, -1, 0)
         return np.stack([polynomial.polyval3d(x, y, z, row) + 0 * x for row in self._slopes], axis=-1)
 
     def jet(self, q: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Value, gradient and Hessian at one place."""
+        """Return value, gradient and Hessian at one point."""
         found = self._rows
         for x, (exponents, factors) in zip(q, self._powers, strict=True):
             powers = factors * x**exponents
@@ -93,12 +93,12 @@ class SurfaceSide:
         return float(found[0, 0, 0]), slope, bend
 
     def points(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """The points of places of the box."""
+        """Return the points at parameters of the box."""
         shares = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
         return np.einsum("ndk,nk->nd", self._ends[piece], shares)
 
     def shares_on(self, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
-        """Shares of corners of a tetrahedron at which the surface is, near given ones and on the same sides.
+        """Return barycentric coordinates of surface points in a tetrahedron, near given ones and on the same sides.
 
         Args:
             corners: (4, 3).
@@ -116,18 +116,18 @@ class SurfaceSide:
         return u[good & np.all(u >= 0, axis=1)]
 
     def inside(self, corners: np.ndarray) -> np.ndarray:
-        """The shares of the corners of a tetrahedron of some samples of the surface in it."""
+        """Return barycentric coordinates of at most 20 samples of the surface in a tetrahedron."""
         x = np.linalg.solve((corners[1:] - corners[0]).T, (self._samples - corners[0]).T).T
         shares = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
         return shares[np.all(shares >= 0, axis=1)][:20]
 
     def near(self, point: np.ndarray) -> list[SurfaceFoot]:
-        """Local feet of a point from the nearest samples, the nearest one first."""
+        """Return local feet of a point, followed from the nearest samples, the nearest foot first."""
         e = self._samples - point
         order = np.argsort(np.sum(e * e, axis=1))
         starts: list[np.ndarray] = []
         for k in order[:400]:
-            # Samples beside each other lead to the same foot.
+            # Neighboring samples lead to the same foot.
             if all(np.max(np.abs(self._samples[k] - q)) > 0.15 * self.size for q in starts):
                 starts.append(self._samples[k])
             if len(starts) == _STARTS:
@@ -140,42 +140,42 @@ class SurfaceSide:
         return sorted(found, key=lambda foot: foot.distance)
 
     def without_tiny(self, x: np.ndarray) -> np.ndarray:
-        """The same coordinates without tiny ones, which would make long integers."""
+        """Return the coordinates with tiny ones set to zero, which would make long integers."""
         return np.where(np.abs(x) < _TINY * self.size, 0.0, x)
 
     def samples(self, draw: np.random.Generator, count: int) -> np.ndarray:
-        """So many points of the surface, or all that are known."""
+        """Return `count` points of the surface, or all that are known."""
         return self._samples[draw.permutation(len(self._samples))[:count]]
 
     def beside(self, points: np.ndarray) -> np.ndarray:
-        """Points of the surface in the box, near some points."""
+        """Return points of the surface in the box, near some points."""
         found = (self.foot(point, point) for point in points)
         return np.array([foot.point for foot in found if foot is not None]).reshape(-1, 3)
 
     @property
     def is_found(self) -> bool:
-        """Whether any of its points are known."""
+        """Return whether any points of the surface are known."""
         return len(self._samples) > 0
 
     def proven_distance(self, point: np.ndarray) -> float:
-        """The distance of a point to the surface, from below, as the search proves it."""
+        """Return a lower bound of the distance of a point to the surface, proven by the search."""
         return float(target_of(self._shape).nearest(point[None]).lower[0])
 
     def scaled(self, points: np.ndarray) -> np.ndarray:
-        """Points as they are."""
+        """Return points unchanged."""
         return points
 
     def distance(self, point: np.ndarray) -> float:
-        """About the distance of a point; inf where no foot is found."""
+        """Approximate distance of a point; inf if no foot is found."""
         feet = self.near(point)
         return feet[0].distance if feet else math.inf
 
     def named(self, piece: int, t: np.ndarray, point: np.ndarray | None = None) -> ShapePlace | None:
-        """The place next to a point; a surface has no parameters."""
+        """Return the surface point next to `point`; a surface has no parameters."""
         return None if point is None else self.place(point)
 
     def place(self, point: np.ndarray) -> ShapePlace | None:
-        """A place of the surface next to a point, with a way along which the sign changes; None if none is proven."""
+        """Return a surface point near a point, with a vector along which the sign changes; None if none is proven."""
         foot = self.foot(point, point)
         if foot is None:
             return None
@@ -195,7 +195,7 @@ class SurfaceSide:
         return None
 
     def foot(self, point: np.ndarray, start: np.ndarray) -> SurfaceFoot | None:
-        """The local foot of a point near a start, in the box; None where there is none."""
+        """Return the local foot of a point near a start, in the box; None if there is none."""
         q = np.clip(start, self.lower, self.upper)
         held = np.zeros(3, bool)
         moves, factor = np.zeros((3, 3)), None
@@ -227,7 +227,7 @@ class SurfaceSide:
         return SurfaceFoot(q, held, moves, float(np.linalg.norm(q - point))) if small else None
 
     def _released(self, point: np.ndarray, q: np.ndarray, held: np.ndarray) -> int | None:
-        """A held coordinate that the distance wants to leave its face."""
+        """Return the held coordinate that the distance most wants to leave its face; None if there is none."""
         slope = self.slopes(q)
         free = ~held
         square = float(slope[free] @ slope[free])
@@ -240,7 +240,7 @@ class SurfaceSide:
         return best if wants[best] > 1e-9 * self.size else None
 
     def _on_grid(self) -> np.ndarray:
-        """Zeros on the edges of a grid, and nodes that are zeros."""
+        """Return zeros on the edges of a grid, and nodes that are zeros."""
         axes = [np.linspace(low, high, _NODES) for low, high in zip(self.lower, self.upper, strict=True)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         values = self.values(nodes)
@@ -271,7 +271,7 @@ def _derivative(rows: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _falling(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Exponents and factors of the powers below a count and of their first two derivatives, (3, count) each."""
+    """Return exponents and factors of the powers below `count` and of their first two derivatives, (3, count) each."""
     n, k = np.arange(count), np.arange(3)[:, None]
     factors = np.stack([np.ones(count), n, n * (n - 1)])
     return np.maximum(n - k, 0), factors
@@ -280,18 +280,18 @@ def _falling(count: int) -> tuple[np.ndarray, np.ndarray]:
 def _step(
     e: np.ndarray, value: float, slope: np.ndarray, full: np.ndarray, held: np.ndarray
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """A step of Newton's method, the new multiplier, and the derivative of the foot in the point.
+    """Return Newton's step, the new multiplier, and the derivative of the foot in the point.
 
     Args:
-        e: the place less the point.
-        value: of the polynomial.
-        slope: of the polynomial.
+        e: the iterate minus the point.
+        value: value of the polynomial.
+        slope: gradient of the polynomial.
         full: the Hessian of half the squared distance and the multiplier times the polynomial.
-        held: coordinates that stay.
+        held: coordinates that stay fixed.
     """
     free = ~held
     along = _tangent(slope, free)
-    # Where the distance is no minimum along the surface, Gauss and Newton's step goes downwards all the same.
+    # Even if the distance is no minimum along the surface, the Gauss-Newton step goes downwards.
     if along.shape[1] and np.min(np.linalg.eigvalsh(along.T @ full @ along)) < 1e-3:
         full = np.eye(3)
     matrix = np.zeros((4, 4))
@@ -306,7 +306,7 @@ def _step(
 
 
 def _tangent(slope: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """An orthonormal basis of the free directions across the gradient, (3, count)."""
+    """Return an orthonormal basis of the free directions orthogonal to the gradient, (3, count)."""
     axes = np.eye(3)[:, free]
     inner = axes.T @ slope
     _, _, rows = np.linalg.svd(inner[None])

@@ -27,13 +27,13 @@ from jhd._runtime.compiled import optimized
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.unchecked import trusted
 
-# Numbers of segments that programs are compiled for, and pairs of a block: some tenths of a second of work each. A
-# program takes ten seconds to compile, and a repeated segment costs little.
+# Numbers of segments that are compiled, and pairs of a block: some tenths of a second of work each. A function takes
+# ten seconds to compile, and a repeated segment costs little.
 SIZES = {16: 256, 48: 256, 192: 128, 768: 32}
 
 
 class PairKind(NamedTuple):
-    """What a program is compiled for: the number of segments, the degree, the dimension, whether there are weights."""
+    """The kind of pairs that a function is compiled for: segments, degree, dimension, and whether there are weights."""
 
     size: int
     degree: int
@@ -42,13 +42,13 @@ class PairKind(NamedTuple):
 
 
 class CurveRows(NamedTuple):
-    """Curves of one size: what they are on the host, and how their degrees are raised.
+    """Curves of one size: their arrays on the host, and the matrices that raise their degrees.
 
     Args:
-        points: control points, the last one of each segment repeated up to the degree of the program.
-        weights: likewise, or None.
+        points: control points, the last one of each segment repeated up to the compiled degree.
+        weights: weights, repeated in the same way, or None.
         next_segment: the joints.
-        raising: a matrix for each curve, zero where its points are repeated.
+        raising: a matrix for each curve, zero for repeated points.
     """
 
     points: Any
@@ -58,14 +58,14 @@ class CurveRows(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Pairs of curves of one kind, and what of each distance matters.
+    """Pairs of curves of one kind, and the range in which each distance matters.
 
     Args:
         a: the first curve of each pair.
-        b: the second one.
-        level: nothing up to this length matters, in the unit of the coordinates.
-        ceiling: nothing more matters above this length.
-        count: how many of the pairs are to be measured; the others fill the block.
+        b: the second curve of each pair.
+        level: distances up to this length do not matter, in the unit of the coordinates.
+        ceiling: distances above this length need no closer bounds.
+        count: number of pairs to measure; the others fill the block.
         method: the options.
     """
 
@@ -88,7 +88,7 @@ class MeasuredPairs(NamedTuple):
 
 
 def kind_of(a: BezierSegments, b: BezierSegments) -> PairKind | None:
-    """The program that measures two curves; None where they have too many segments for blocks."""
+    """Return the kind of a pair of curves; None if they have too many segments for blocks."""
     most = max(a.count, b.count)
     size = next((size for size in SIZES if size >= most), None)
     rational = a.weights is not None or b.weights is not None
@@ -96,7 +96,7 @@ def kind_of(a: BezierSegments, b: BezierSegments) -> PairKind | None:
 
 
 def row_of(curve: BezierSegments, kind: PairKind) -> CurveRows:
-    """One curve as a program of this kind takes it."""
+    """Return one curve in the form for compiled functions of this kind."""
     segment = np.minimum(np.arange(kind.size), curve.count - 1)
     slot = np.minimum(np.arange(kind.degree + 1), curve.degree)
     points, weights = np.asarray(curve.control_points), None
@@ -115,7 +115,7 @@ def _raising(degree: int, target: int) -> np.ndarray:
 
 
 def block_of(rows: list[tuple[CurveRows, CurveRows]], level: Any, ceiling: Any, length: int, method: Any) -> Block:
-    """The block of these pairs, filled up to its length by repetitions that are not measured."""
+    """Return the block of these pairs, filled up to its length by repetitions that are not measured."""
     index = np.minimum(np.arange(length), len(rows) - 1)
     a, b = (_stacked([pair[k] for pair in rows], index) for k in range(2))
     dtype = a.points.dtype
@@ -127,7 +127,7 @@ def _stacked(rows: list[CurveRows], index: np.ndarray) -> CurveRows:
 
 
 def measure_block(block: Block) -> MeasuredPairs:
-    """The distances of a block's pairs, each of which is measured by one of this process's devices."""
+    """Return the distances of a block's pairs, each measured by one of this process's devices."""
     devices = _devices()
     if len(devices) == 1:
         found = _measured(block._replace(count=np.asarray(block.count)))
@@ -137,15 +137,15 @@ def measure_block(block: Block) -> MeasuredPairs:
 
 
 def _devices() -> tuple[Any, ...]:
-    """The devices of this process; that one alone which the user has chosen, if any."""
+    """Return the devices of this process, or only the one that the user has chosen."""
     chosen: Any = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
     return tuple(jax.local_devices()) if chosen is None else (chosen,)
 
 
 def _shares(block: Block, parts: int) -> tuple[Block, np.ndarray]:
-    """The block with its pairs dealt out like cards, and where each pair has come to lie.
+    """Return the block with its pairs dealt to `parts` parts in turn, and the position of each pair.
 
-    Pairs that follow each other take about as long, and so do shares then.
+    Consecutive pairs take about equally long, so the parts do too.
     """
     length = -(-len(block.level) // parts)
     pairs = np.minimum(np.arange(length) * parts + np.arange(parts)[:, None], len(block.level) - 1).ravel()
@@ -157,7 +157,7 @@ def _shares(block: Block, parts: int) -> tuple[Block, np.ndarray]:
 
 @lru_cache(maxsize=4)
 def _shared(devices: tuple[Any, ...]) -> Any:
-    """`_measured` with a share of the pairs on each device, where none waits for another."""
+    """Return `_measured` with a part of the pairs on each device, without waiting for each other."""
     shares: Any = PartitionSpec("pairs")
     everywhere: Any = PartitionSpec()
     places = Block(shares, shares, shares, shares, shares, everywhere)
@@ -176,7 +176,7 @@ def _measured(block: Block) -> MeasuredPairs:
 
 
 def _in_turn(block: Block) -> MeasuredPairs:
-    """Only as many pairs as there are, so that a block which is not full costs what it holds."""
+    """Measure only the first `count` pairs, so that a partly filled block costs only its pairs."""
     pairs = block.a, block.b, block.level, block.ceiling
 
     def one(k: Any, out: MeasuredPairs) -> MeasuredPairs:
@@ -195,7 +195,7 @@ def _side_by_side(block: Block) -> MeasuredPairs:
 
 
 def _pair(pair: tuple[CurveRows, CurveRows, Array, Array], method: BranchAndBound) -> MeasuredPairs:
-    """Both directions of one pair, with its level and its ceiling."""
+    """Measure both directions of one pair, with its level and its ceiling."""
     a, b, level, ceiling = pair
     frame = frame_of([extremes(row.points) for row in (a, b)])
     p, q = (_in_common(frame, row) for row in (a, b))
@@ -204,7 +204,8 @@ def _pair(pair: tuple[CurveRows, CurveRows, Array, Array], method: BranchAndBoun
 
     def one(aim: Aim, turn: Any) -> tuple[Aim, Any]:
         found = method._directed(turn[0], turn[1], frame, aim)
-        # Below the first direction nothing matters of the second, and nothing at all where it is above the ceiling.
+        # In the second direction, distances below the first one do not matter, and none does if the first is above the
+        # ceiling.
         most = jnp.where(found.lower > aim.ceiling, -1.0, aim.ceiling)
         return Aim(jnp.maximum(aim.level, found.lower), most), found
 
@@ -220,7 +221,7 @@ def _pair(pair: tuple[CurveRows, CurveRows, Array, Array], method: BranchAndBoun
 
 
 def _in_common(frame: Frame, row: CurveRows) -> BezierSegments:
-    """The curve in common coordinates, of the degree of the program; see jhd._distance.normalization.curves.prepare."""
+    """Return the curve in common coordinates and of the compiled degree, as in jhd._distance.normalization.curves."""
     points, raising = common_points(frame, row.points), row.raising
     if row.weights is None:
         return trusted(_raised(raising, points), None, row.next_segment)

@@ -46,9 +46,9 @@ Report = Callback | None
 
 # Pairs that are sent out before their results are put away.
 _PAIRS = 1 << 14
-# Pairs whose bounds are held at once: a hundred bytes each while they are looked at.
+# Pairs whose bounds are held at once: a hundred bytes each while they are compared.
 _BOUNDS = 10**6
-# Shapes whose windows are looked at together.
+# Shapes whose windows are compared together.
 _TOGETHER = 64
 
 
@@ -374,7 +374,7 @@ def pivot_distances(
 def _check_method(
     method: Any, a: Collection, b: Collection, known: tuple[type[AbstractHausdorffMethod], ...] | None = None
 ) -> None:
-    """Raises TypeError where a method serves not all pairs, each kind with each."""
+    """Raise TypeError unless the method serves all pairs of kinds."""
     kinds = [list({type(shape): shape for shape in collection.shapes}.values()) for collection in (a, b)]
     for x in kinds[0]:
         for y in kinds[1]:
@@ -409,7 +409,7 @@ def _tell(progress: Report, stage: str, done: int, total: int) -> None:
 
 
 def _results(numbers: np.ndarray) -> Any:
-    """Members of RESULTS from their numbers."""
+    """Return members of RESULTS from their numbers."""
     return eqx.tree_at(lambda x: x._value, RESULTS.successful, numbers)
 
 
@@ -419,7 +419,7 @@ def _no_pairs() -> list[tuple[np.ndarray, ...]]:
 
 
 def candidates(a: PivotDistances, b: PivotDistances, threshold: float, same: bool) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yields rows, columns, lower and upper bounds of the pairs that are not certified to be farther apart.
+    """Yield rows, columns, lower and upper bounds of the pairs that are not certified to be farther apart.
 
     Args:
         a: pivot distances of the first shapes.

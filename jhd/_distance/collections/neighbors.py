@@ -22,13 +22,13 @@ _WIDTH = 8
 
 
 class Standings(NamedTuple):
-    """What is known of the distances of some queries from all shapes.
+    """Bounds and results of the distances from some queries to all shapes.
 
     Args:
         lower: proven lower bounds (queries, shapes).
         upper: proven upper bounds.
-        value: the distances that were measured, else NaN.
-        result: numbers of RESULTS where they were measured, else -1.
+        value: the measured distances, else NaN.
+        result: numbers of RESULTS if measured, else -1.
     """
 
     lower: np.ndarray
@@ -50,7 +50,7 @@ class Found(NamedTuple):
 
 
 def standings_of(bounds: PivotBounds, rows: np.ndarray, count: int, same: bool) -> Standings:
-    """What pivot distances say; of a shape and itself the distance is known to be zero."""
+    """Return the bounds by pivot distances; the distance of a shape to itself is zero."""
     lower, upper = bounds.between(rows, np.arange(count))
     value, result = np.full(lower.shape, np.nan), np.full(lower.shape, -1, np.int8)
     if same:
@@ -69,7 +69,7 @@ def nearest_of(
     method: BranchAndBound,
     report: Callable[[int, int], None],
 ) -> Found:
-    """The k nearest shapes of the queries `rows`, as far as it comes where it is interrupted."""
+    """Return the k nearest shapes of the queries `rows`, or the state so far after an interrupt."""
     done, width = 0, k
     try:
         while True:
@@ -94,17 +94,17 @@ def nearest_of(
 
 
 def _reach(known: Standings, k: int) -> np.ndarray:
-    """For each query a length within which k shapes are proven to be."""
+    """Return for each query a length within which k shapes are proven to be."""
     return np.partition(known.upper, k - 1, axis=1)[:, k - 1]
 
 
 def _open(known: Standings, k: int) -> np.ndarray:
-    """The pairs that may be among the nearest and were not measured."""
+    """Return the pairs that may be among the nearest and were not measured."""
     return (known.lower <= _reach(known, k)[:, None]) & (known.result < 0)
 
 
 def _first_of_each(open_: np.ndarray, lower: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of each query the few open shapes of smallest lower bound, as two lists of indices."""
+    """Return for each query the few open shapes of smallest lower bound, as two lists of indices."""
     query, shape = np.nonzero(open_)
     order = np.lexsort((shape, lower[query, shape], query))
     query, shape = query[order], shape[order]
@@ -117,7 +117,7 @@ def _named(known: Standings, k: int, done: int) -> Found:
     index = np.argsort(known.upper, axis=1, kind="stable")[:, :k].copy()
     each = np.arange(len(index))[:, None]
     codes, least = known.result[each, index].astype(int), int(RESULTS.successful._value)
-    # The first of them that is not what it should be, if any.
+    # The first of the k results that is not successful, if any.
     worst = codes[np.arange(len(codes)), np.argmax(codes != least, axis=1)]
     result = np.where(np.any(_open(known, k), axis=1), int(RESULTS.interrupted._value), worst)
     near = known.lower <= known.upper[each, index].max(axis=1)[:, None]
@@ -128,7 +128,7 @@ def _named(known: Standings, k: int, done: int) -> Found:
 
 
 def together(parts: list[Found]) -> Found:
-    """The findings of some queries after those of others."""
+    """Return the findings of all queries, in order."""
     whole: Any = [np.concatenate(x) for x in list(zip(*parts, strict=True))[:5]]
     index, value, lower, upper, result = whole
     ties = [tie for part in parts for tie in part.ties]

@@ -13,7 +13,7 @@ Polynomial curves are measured as chords of their segments. Coordinates are at m
   difference of the control points, whose own rounding is below 4 u in each coordinate;
 - for a chord from S along E and o = p - S, the parameter s = o.E / E.E is off by gamma(2 dim + 5) |o| / |E|, the offset
   o - s E by three roundings of its terms, its length by gamma(dim + 2): altogether the distance is off by at most
-  gamma(3 dim + 12) (|o| + |E|), and neither length is above 2 sqrt(dim). Where E.E underflows E is shorter than any of
+  gamma(3 dim + 12) (|o| + |E|), and neither length is above 2 sqrt(dim). If E.E underflows, E is shorter than any of
   these errors.
 
 Other shapes are measured by jhd.project, whose bounds are certified. Distances from fixed points are the pivots of
@@ -44,22 +44,22 @@ from jhd._shapes.curve import BezierSegments
 
 # Points of a lattice: four times as many halve the number of distances that are left, and cost more than these.
 _POINTS = 200
-# Chords of a segment: they deviate by a sixteenth of what one of them does.
+# Chords of a segment: they deviate by a sixteenth of the deviation of a single chord.
 _CHORDS = 4
-# Shapes that one program takes, and pivot distances that are compared with all others by one.
+# Shapes in one call of the compiled function, and pivot distances that one call compares with all others.
 _SHAPES, _ROWS = 16, 32
 # Room for underflow, far below everything else.
 _TINY = 2.0**-400
 
 
 class PointLattice(NamedTuple):
-    """Points in the unit of the shapes, the products of some numbers along each axis."""
+    """Points in the unit of the shapes: the product of some numbers along each axis."""
 
     axes: tuple[np.ndarray, ...]
 
     @property
     def points(self) -> np.ndarray:
-        """The points (points, dim)."""
+        """Return the points (points, dim)."""
         return np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1).reshape(-1, len(self.axes))
 
 
@@ -87,7 +87,7 @@ class PivotDistances(NamedTuple):
 
 
 def lattice_over(*collections: Collection) -> PointLattice:
-    """A lattice over the boxes of most shapes: a few that lie far away do not make it coarse."""
+    """Return a lattice over the boxes of most shapes: a few shapes far away do not make it coarse."""
     corners = [corner for collection in collections for corner in collection.corners]
     frame = frame_of(corners)
     low, high = (common_points(frame, np.stack(x)) for x in zip(*corners, strict=True))
@@ -105,7 +105,7 @@ def lattice_over(*collections: Collection) -> PointLattice:
 
 
 def reaches(collection: Collection, lattice: PointLattice) -> np.ndarray:
-    """For each shape a length within which each of its points has a point of the lattice, rounded up.
+    """Return for each shape a length within which each of its points has a lattice point, rounded up.
 
     Along each axis the distance from the nearest number is largest at an end of the shape's box or half way between
     two numbers.
@@ -129,7 +129,7 @@ def reaches(collection: Collection, lattice: PointLattice) -> np.ndarray:
 def pivot_distances_of(
     collection: Collection, points: np.ndarray, reach: np.ndarray, executor: Executor, report: Callable[[int], None]
 ) -> PivotDistances:
-    """The pivot distances of all shapes at these points; `report` is called with the number of shapes that are done."""
+    """Return the pivot distances of all shapes at these points; `report` gets the number of finished shapes."""
     shape = len(collection), len(points)
     lower, upper, done = np.zeros(shape), np.full(shape, np.inf), 0
     frame = frame_of([*collection.corners, (points.min(axis=0), points.max(axis=0))])
@@ -166,7 +166,7 @@ def _projected(task: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _chords(curve: BezierSegments, frame: Frame, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the chords (size, chords + 1, dim) of each segment, and by how much distances from them may be off."""
+    """Return the ends of the chords (size, chords + 1, dim) of each segment, and bounds of the error of distances."""
     points = common_points(frame, np.asarray(curve.control_points))
     degree, dim, dtype = curve.degree, curve.dim, points.dtype
     t = np.linspace(0, 1, _CHORDS + 1)[:, None]
@@ -194,7 +194,7 @@ def _chord_distances(task: Any) -> tuple[np.ndarray, np.ndarray]:
 
 @optimized
 def _distances(points: Array, ends: Array, off: Array, count: Array) -> tuple[Array, Array]:
-    """Lower and upper bounds (shapes, points) of the distances from curves with these chords."""
+    """Return lower and upper bounds (shapes, points) of the distances from curves with these chords."""
 
     def one(k: Any, out: tuple[Array, Array]) -> tuple[Array, Array]:
         start, along = ends[k, :, :-1], ends[k, :, 1:] - ends[k, :, :-1]
@@ -228,7 +228,7 @@ class PivotBounds:
         self._dtype = a.lower.dtype
 
     def between(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds (rows, columns) for these shapes of the first collection and of the second."""
+        """Return lower and upper bounds (rows, columns) for these shapes of the first collection and of the second."""
         columns_there = _filled(len(columns))
         b = tuple(x[columns[columns_there]] for x in self._b)
         lower, upper = (np.empty((len(rows), len(columns)), self._dtype) for _ in range(2))
@@ -243,7 +243,7 @@ class PivotBounds:
 
 
 def _filled(count: int) -> np.ndarray:
-    """Indices into so many rows, the last one repeated up to a power of two: few programs."""
+    """Return indices into `count` rows, the last one repeated up to a power of two, so that few sizes are compiled."""
     return np.minimum(np.arange(1 << (max(count, _ROWS) - 1).bit_length()), count - 1)
 
 
@@ -255,7 +255,7 @@ def _single(s: PivotDistances, exponent: Any) -> tuple[np.ndarray, ...]:
 
 
 def _rounded(x: np.ndarray, toward: float) -> np.ndarray:
-    """In single precision, two units of rounding outward: far more than scaling and rounding take, and normal."""
+    """Return x in single precision, rounded outward by two units: more than scaling and rounding take, and normal."""
     single = x.astype(np.float32)
     nu = np.float32(np.finfo(np.float32).smallest_normal)
     moved = np.nextafter(np.nextafter(single, np.float32(toward)), np.float32(toward))
@@ -269,7 +269,7 @@ def _bounds(
     def one(k: Any, out: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high, reach = low_a[k], high_a[k], reach_a[k]
         apart = jnp.max(jnp.maximum(low - high_b, low_b - high), axis=1)
-        # What the points near a say of its distance from b, and the other way round.
+        # Bounds of the distance from b by the points near a, and the other way round.
         there = jnp.max(jnp.where(low <= reach, high_b, -jnp.inf), axis=1) + reach
         back = jnp.max(jnp.where(low_b <= reach_b[:, None], high, -jnp.inf), axis=1) + reach_b
         far = jnp.where(jnp.isinf(reach) | jnp.isinf(reach_b), jnp.inf, round_up(jnp.maximum(there, back)))

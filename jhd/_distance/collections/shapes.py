@@ -1,4 +1,4 @@
-"""A collection of shapes of any kinds: checked once, in the form that searches take, and their extents."""
+"""A collection of shapes of any kinds: checked once, in the form for searches, with their extents."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -11,7 +11,7 @@ from jhd._runtime.arrays import is_tracing
 from jhd._shapes.as_shape import as_shape, check_several
 from jhd._shapes.curve import AbstractCurve, BezierSegments
 
-# Bytes of padded curves that a collection keeps: of ten thousand outlines those of one size, and not of all sizes.
+# Bytes of padded curves that a collection keeps: enough for ten thousand outlines of one size, not of all sizes.
 _KEPT = 1 << 25
 
 
@@ -19,8 +19,8 @@ class Collection:
     """Shapes of one dimension, in the order given.
 
     Args:
-        name: what errors call it.
-        shapes: shapes, or what jhd.as_shape takes for some.
+        name: its name in errors.
+        shapes: shapes, or objects that jhd.as_shape accepts.
 
     Raises:
         TypeError: something that is no shape, or traced arrays.
@@ -48,7 +48,7 @@ class Collection:
         return len(self.shapes)
 
     def row(self, k: int, kind: PairKind) -> CurveRows:
-        """A curve as a program takes it."""
+        """Return a curve in the form for compiled functions."""
         found = self._rows.get((k, kind))
         if found is None:
             found = row_of(self.shapes[k], kind)
@@ -62,7 +62,7 @@ class Collection:
 
 
 def both_collections(name: str, shapes: Any, other_name: str, others: Any) -> tuple[Collection, Collection]:
-    """Two collections of one dimension; the same one twice where the second is None.
+    """Return two collections of one dimension; the first one twice if the second is None.
 
     Raises:
         TypeError: see Collection.

@@ -33,11 +33,11 @@ class Store:
     """The parts of one table of distances.
 
     Args:
-        folder: is made if need be.
-        about: what the numbers depend on; see `fingerprint_of`.
+        folder: is created if it does not exist.
+        about: everything that the numbers depend on; see `fingerprint_of`.
 
     Raises:
-        ValueError: the folder belongs to other numbers, or holds files that are none of a store.
+        ValueError: the folder belongs to other numbers, or holds files that do not belong to a store.
     """
 
     def __init__(self, folder: str | Path, about: dict[str, Any]):
@@ -68,7 +68,7 @@ class Store:
             )
 
     def read(self, part: int, count: int) -> MeasuredPairs | None:
-        """The distances of a part of so many pairs; None where they are not there as they should be."""
+        """Return the distances of a part of `count` pairs; None if they are missing or damaged."""
         try:
             stored = self._path(part).read_bytes()
         except OSError:
@@ -83,7 +83,7 @@ class Store:
         return MeasuredPairs(value, lower, upper, result, np.zeros(count, int))
 
     def write(self, part: int, found: MeasuredPairs) -> None:
-        """Keeps a part."""
+        """Store a part."""
         rows = np.empty(found.value.shape, _PART)
         for name in _PART.names or ():
             rows[name] = getattr(found, name)
@@ -96,7 +96,7 @@ class Store:
 
 
 def fingerprint_of(collections: Sequence[Sequence[Any]], method: Any, pairs: int) -> dict[str, Any]:
-    """What the numbers of a table depend on, by name, and one sum of all of it."""
+    """Return everything that the numbers of a table depend on, by name, with one checksum."""
     about = {
         "format": _FORMAT,
         "shapes": [len(shapes) for shapes in collections],
@@ -131,5 +131,5 @@ def _version(name: str) -> str:
 
 
 def _write(path: Path, body: bytes) -> None:
-    # Under a name of its own: what a killed call left is written over by the next one that comes to this part.
+    # With a unique name: the next call that writes this part replaces a file left by a killed call.
     replace_file(path, body, path.name + ".partial")

@@ -13,12 +13,12 @@ from jhd._distance.collections.tasks import measured, pairs_between
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.memory import check_memory
 
-# What executors of other packages raise where they give a worker up, as Dask does after some tries.
+# Exceptions of other packages' executors when they give up a worker, as Dask does after some tries.
 _LOST = ("KilledWorker",)
 
 
 def check_table(rows: int, columns: int) -> None:
-    """MemoryError where there is no room for the table: three floats and a result for each pair."""
+    """Raise MemoryError if there is no room for the table: three floats and a result for each pair."""
     work = f"a table of {rows} by {columns} distances would take"
     check_memory(32.0 * rows * columns, work, "nearest_shapes and pairs_within need no table")
 
@@ -28,8 +28,8 @@ class DistanceTable:
 
     Args:
         a: the first collection.
-        b: the second one; where it is the first each pair is measured once.
-        pairs: how many pairs a part has about.
+        b: the second one; if it is the first one, each pair is measured once.
+        pairs: approximate number of pairs of a part.
     """
 
     def __init__(self, a: Collection, b: Collection, pairs: int):
@@ -46,7 +46,7 @@ class DistanceTable:
                 np.fill_diagonal(array, number)
 
     def fill(self, executor: Executor, method: Any, store: Store | None, report: Callable[[int, int], None]) -> None:
-        """Measures all pairs but those of parts that the store has, and puts the others there."""
+        """Measure all pairs except in parts that the store has, and store new parts."""
         try:
             for part, (rows, columns) in enumerate(self._parts()):
                 known = None if store is None else store.read(part, len(rows))
@@ -67,7 +67,7 @@ class DistanceTable:
             raise
 
     def _parts(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Rows and columns of the pairs to measure, some rows of the table at a time."""
+        """Return rows and columns of the pairs to measure, some rows of the table at a time."""
         same, count = self._a is self._b, len(self._b)
         for start in range(0, len(self._a), self._step):
             rows = np.arange(start, min(start + self._step, len(self._a)))

@@ -28,7 +28,7 @@ from jhd._shapes.curve import BezierSegments
 
 # Tasks that are sent out for each worker: enough to keep it busy, and few enough that memory stays bounded.
 _AHEAD = 3
-# The same for executors that do not say how many workers they have.
+# The same for executors that do not tell their number of workers.
 _OPEN = 64
 # Seconds after which one who waits for a task looks for an interrupt, which wakes nobody there.
 _LISTENING = 0.1
@@ -53,7 +53,7 @@ class AskedPairs(NamedTuple):
 
 
 def pairs_between(rows: Any, columns: Any, level: Any = 0.0, ceiling: Any = np.inf) -> AskedPairs:
-    """Pairs with one common level and ceiling, or one each."""
+    """Return pairs with one common level and ceiling, or one each."""
     shape = np.shape(rows)
     limits = (np.broadcast_to(np.asarray(x, float), shape) for x in (level, ceiling))
     return AskedPairs(np.asarray(rows), np.asarray(columns), *limits)
@@ -61,7 +61,7 @@ def pairs_between(rows: Any, columns: Any, level: Any = 0.0, ceiling: Any = np.i
 
 @contextmanager
 def workers(executor: Executor | None) -> Iterator[Executor]:
-    """The executor, or threads of our own, as many as there are processors to use.
+    """Return the executor, or own threads, as many as there are usable processors.
 
     XLA lets other threads go on while it computes, so threads do as much as processes, and compile once.
     """
@@ -75,12 +75,12 @@ def workers(executor: Executor | None) -> Iterator[Executor]:
     try:
         yield own
     finally:
-        # What has begun cannot be stopped, and takes a moment.
+        # A task that has begun cannot be stopped, and takes a moment.
         own.shutdown(cancel_futures=True)
 
 
 def completed(executor: Executor, tasks: Iterable[tuple[Any, Callable[..., Any], Any]]) -> Iterator[tuple[Any, Any]]:
-    """Yields (key, result) as tasks (key, function, argument) complete; few are sent out at a time."""
+    """Yield (key, result) as tasks (key, function, argument) complete; only few are sent out at a time."""
     ahead = _AHEAD * getattr(executor, "_max_workers", _OPEN // _AHEAD)
     tasks, running = iter(tasks), {}
     try:
@@ -100,7 +100,7 @@ def completed(executor: Executor, tasks: Iterable[tuple[Any, Callable[..., Any],
 
 
 def _finished(running: dict[Future, Any], heard: list[int]) -> set[Future]:
-    """Those that are done, at least one unless none runs or an interrupt is heard."""
+    """Return the finished ones, at least one unless none runs or an interrupt is heard."""
     done: set[Future] = set()
     while running and not heard and not done:
         done = wait(list(running), _LISTENING, FIRST_COMPLETED).done
@@ -109,11 +109,11 @@ def _finished(running: dict[Future, Any], heard: list[int]) -> set[Future]:
 
 @contextmanager
 def interrupts_held() -> Iterator[list[int]]:
-    """Holds an interrupt back until the block ends: until then it is in the list, and it is raised there.
+    """Hold an interrupt back until the block ends: until then it is in the list, and it is raised at the end.
 
-    Executors and futures take their locks in Python. An interrupt between two instructions of theirs leaves a lock
-    taken that nobody gives back, and a worker waits for it for ever, as does who waits for the worker. Other threads
-    are not interrupted, and a handler of the user's own is left alone.
+    Executors and futures take their locks in Python. An interrupt between two of their instructions leaves a lock taken
+    for ever. Then a worker waits for the lock, and the caller waits for the worker. Other threads are not interrupted,
+    and a handler of the user's own is left alone.
     """
     heard: list[int] = []
     ours = threading.current_thread() is threading.main_thread()
@@ -132,13 +132,14 @@ def interrupts_held() -> Iterator[list[int]]:
 def measured(
     executor: Executor, a: Collection, b: Collection, pairs: AskedPairs, method: AbstractHausdorffMethod
 ) -> Iterator[tuple[np.ndarray, MeasuredPairs]]:
-    """The distances of pairs as they come: which of the pairs, and what was measured of them."""
+    """Yield the indices of pairs and their distances as they are measured."""
     return completed(executor, _tasks(a, b, pairs, method))
 
 
 def _tasks(
     a: Collection, b: Collection, pairs: AskedPairs, method: Any
 ) -> Iterator[tuple[Any, Callable[..., Any], Any]]:
+    """Yield (indices, function, arguments) of tasks: pairs by kind, in blocks, then those measured alone."""
     kinds: dict[Any, list[int]] = defaultdict(list)
     for k, (i, j) in enumerate(zip(pairs.rows.tolist(), pairs.columns.tolist(), strict=True)):
         kinds[_kind(a.shapes[i], b.shapes[j], method)].append(k)
@@ -157,14 +158,14 @@ def _tasks(
 
 
 def _kind(a: Any, b: Any, method: Any) -> Any:
-    """The kind of the blocks that a pair is measured in; None where it is measured by itself."""
+    """Return the kind of the blocks in which a pair is measured; None if it is measured alone."""
     curves = isinstance(a, BezierSegments) and isinstance(b, BezierSegments)
     if not curves or not isinstance(method, BranchAndBound) or (is_points(a) and is_points(b)):
         return None
     return kind_of(a, b)
 
 
-# Several threads may want a program that is not yet compiled, and one of them is to do it.
+# Several threads may need a function that is not yet compiled; only one of them compiles it.
 _first, _compiled = threading.Lock(), set()
 
 

@@ -2,8 +2,8 @@
 
 The first power keeps the center from overflowing, the second brings the extent that is left to order one; both are
 exact, flushed subnormals aside, so only the subtraction of the center rounds, once for each coordinate. If nothing may
-round, `exact_middle` moves only what moves without rounding, and `origin` moves nothing. The common coordinates depend
-only on the extreme corners of both shapes.
+round, `exact_middle` moves only the axes that move without rounding, and `origin` moves nothing. The common coordinates
+depend only on the extreme corners of both shapes.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,13 +24,13 @@ from jhd._runtime.arrays import array_of, is_traced
 
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
 _VANISHING = 100
-# An axis is moved exactly where the middle is at least this many half extents away: all coordinates are then within a
+# An axis is moved exactly if the middle is at least this many half extents away: all coordinates are then within a
 # factor of two of the middle, and their differences to it are exact (Sterbenz).
 _FAR = 2.5
 
 
 class Frame(eqx.Module):
-    """Where the common coordinates lie in the user's: x_user = (2^second x + center) 2^first."""
+    """Map from common coordinates to the user's: x_user = (2^second x + center) 2^first."""
 
     center: Any
     first: Any
@@ -38,21 +38,21 @@ class Frame(eqx.Module):
     usable: Any = True  # whether all numbers were; under tracing this is known only now
 
     def place(self, x: Any) -> Array:
-        """Points in the user's coordinates."""
+        """Return points in the user's coordinates."""
         return array_of(user_place(self, x))
 
     def scale(self, dtype: DTypeLike) -> Array:
-        """The power of two that brings lengths of the user's to the common unit."""
+        """Return the power of two that scales the user's lengths to the common unit."""
         return scale_of(self.first + self.second, dtype)
 
     def moved(self, x: Array) -> Array:
-        """Points of the user's in the common coordinates, as a function that is differentiated."""
+        """Return the user's points in the common coordinates, differentiably."""
         return (x - times_two_to(jnp.asarray(self.center), self.first)) * self.scale(x.dtype)
 
     def common(self, x: Any, toward: float | None = None) -> Any:
-        """A length of the user's in the common coordinates; what is no normal number there is rounded towards `toward`.
+        """Return a user's length in the common coordinates, rounded towards `toward` if it is below the normal numbers.
 
-        Rounded towards zero it is at most four, which is more than any distance there.
+        If rounded towards zero, it is at most four, which exceeds any distance there.
         """
         xp = jnp if is_traced(x, self) else np
         with np.errstate(over="ignore"):
@@ -64,13 +64,13 @@ class Frame(eqx.Module):
         return xp.where(lost, xp.asarray(end, scaled.dtype), xp.minimum(scaled, 4.0) if toward == 0 else scaled)
 
     def length(self, x: Any, toward: float | None = None) -> Array:
-        """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
+        """Return lengths in the user's unit, exact, or rounded towards `toward` below the normal numbers."""
         return array_of(user_length(self, x, toward))
 
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
 def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
-    """A solution found in the common coordinates, in the user's; numbers that are known are left on the host."""
+    """Return a solution in the user's coordinates; known numbers stay on the host."""
     witness, good = solution.witness, frame.usable
     value, lower = user_length(frame, solution.value, None), user_length(frame, solution.lower, 0.0)
     upper = user_length(frame, solution.upper, np.inf)
@@ -83,12 +83,12 @@ def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
 
 
 def user_place(frame: Frame, x: Any) -> Any:
-    """As `place` of the frame; numbers that are known are left on the host."""
+    """Return points as `Frame.place` does; known numbers stay on the host."""
     return times_two_to(times_two_to(x, frame.second) + frame.center, frame.first)
 
 
 def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
-    """As `length` of the frame; numbers that are known are left on the host, in the precision that they have."""
+    """Return lengths as `Frame.length` does; known numbers stay on the host, in their precision."""
     xp = jnp if is_traced(x, frame) else np
     given = xp.asarray(x)
     with np.errstate(over="ignore"):
@@ -98,7 +98,7 @@ def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
     if toward == 0:  # a lower bound that overflows is at least the largest float
         scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
     if is_traced(given, frame):
-        # Compiled programs flush the subnormals of the input: that moves a distance by a few of the smallest.
+        # Compiled functions flush subnormal inputs: that moves a distance by a few of the smallest normal numbers.
         flushed = 32 * smallest_normal(scaled.dtype)
         return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else scaled + flushed
     outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
@@ -107,16 +107,16 @@ def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
 
 
 def extremes(x: Any) -> tuple[Any, Any]:
-    """The least and the largest of each coordinate of points (..., dim)."""
+    """Return the least and the largest of each coordinate of points (..., dim)."""
     xp: Any = jnp if is_traced(x) else np
     axes = tuple(range(x.ndim - 1))
     return xp.min(x, axis=axes), xp.max(x, axis=axes)
 
 
 def diagonal(corners: Sequence[tuple[Any, Any]]) -> Any:
-    """The length of the diagonal of the box of all shapes with these lower and upper corners."""
+    """Return the diagonal of the box of all shapes with these lower and upper corners."""
     low, high = _box_of(corners)
-    # Half of it does not overflow; the whole of it may, and is infinite then.
+    # Half of the diagonal does not overflow; the whole may, and is then infinite.
     with np.errstate(over="ignore"):
         return 2 * length(0.5 * high - 0.5 * low)
 
@@ -128,46 +128,46 @@ def _box_of(corners: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
 
 
 def middle(low: Any, high: Any) -> Any:
-    """The middle of a box."""
+    """Return the middle of a box."""
     return 0.5 * (low + high)
 
 
 def exact_middle(low: Any, high: Any) -> Any:
-    """The middle along axes where all differences to it are exact, else zero."""
+    """Return the middle along axes on which all differences to it are exact, else zero."""
     center = 0.5 * (low + high)
     far = abs(center) >= _FAR * 0.5 * (high - low)
     return (jnp if is_traced(center) else np).where(far, center, 0.0)
 
 
 def origin(low: Any, high: Any) -> Any:
-    """Zero: coordinates are scaled alone."""
+    """Return zero: coordinates are only scaled."""
     return 0.0 * low
 
 
 def frame_of(
     corners: Sequence[tuple[Any, Any]], usable: Any = True, center: Callable[[Any, Any], Any] = middle
 ) -> Frame:
-    """The common coordinates of shapes with these lower and upper corners.
+    """Return the common coordinates of shapes with these lower and upper corners.
 
     Args:
-        corners: of each shape, finite.
-        usable: whether all numbers of the shapes were.
-        center: of the box of all, from its corners, which are at most one.
+        corners: lower and upper corners of each shape, finite.
+        usable: whether all numbers of the shapes were finite.
+        center: returns the center from the corners of the box of all shapes, which are at most one.
     """
     low, high = _box_of(corners)
     first = common_exponent(low, high)
     low, high = ldexp(low, -first), ldexp(high, -first)
     at = center(low, high)
-    # Where all points are one, every difference is an exact zero: nothing is left that an error could be relative to.
+    # If all points are equal, every difference is an exact zero: no length is left for a relative error.
     return Frame(at, first, common_exponent(low - at, high - at, nothing=-_VANISHING), usable)
 
 
 def common_points(frame: Frame, x: Any) -> Any:
-    """Points of the user's in the common coordinates; subtracting the center rounds each coordinate once."""
+    """Return the user's points in the common coordinates; subtracting the center rounds each coordinate once."""
     center, first, second = frame.center, frame.first, frame.second
     return times_two_to(ldexp(x, -first) - center, -second)
 
 
 def moved_by(x: np.ndarray) -> np.ndarray:
-    """Bound on what writing points in common coordinates moved each by, in the common unit; x is the points there."""
+    """Bound the displacement of points x by the move to common coordinates, in the common unit."""
     return gamma(4, x.dtype) * np.sqrt(3) * np.max(np.abs(x), axis=1).astype(np.float64) + 64 * smallest_normal(x.dtype)

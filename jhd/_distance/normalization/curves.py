@@ -22,33 +22,34 @@ from jhd._shapes.curve import BezierSegments
 from jhd._shapes.joints import followed_here
 from jhd._shapes.unchecked import trusted
 
-# Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
-# repetition does not show; from 192 on, where it does, at most a third is repetition.
+# Numbers of segments and degrees that are compiled. Small curves have one size, for which the cost of the repetition is
+# negligible; from 192 on, at most a third is repetition.
 _COUNTS = (48, 96, *(size for k in range(6, 24) for size in (3 * 2**k, 4 * 2**k)))
-# Where it shows already: inside a program of the user's, which is compiled for its sizes anyway and where four
-# segments instead of 48 take two thirds of the time, and in work that looks at every segment many times.
+# Sizes for work with a noticeable cost per segment: inside a user's compiled function, which is compiled for its sizes
+# anyway and in which four segments instead of 48 take two thirds of the time, and in work that visits every segment
+# many times.
 _SMALL_COUNTS = (4, 16)
 _DEGREES = (3, 6, 10)
-# Up to this number both curves of a pair share one size; beyond it, if the smaller size is this share of the larger.
+# Up to this number both curves of a pair have one size; above it, if the smaller size is this fraction of the larger.
 _SHARED, _ALIKE = 96, 0.5
 
 
 def padded_count(count: int, small: bool = False) -> int:
-    """The smallest number of segments that programs are compiled for and that holds `count`.
+    """Return the smallest compiled number of segments that is at least `count`.
 
-    With `small` sizes below 48 are among them: more programs, each faster on few segments.
+    With `small` there are sizes below 48: more compiled functions, each faster on few segments.
     """
     return next(bucket for bucket in ((*_SMALL_COUNTS, *_COUNTS) if small else _COUNTS) if bucket >= count)
 
 
 def raised_degree(degree: int) -> int:
-    """The smallest degree that programs are compiled for and that holds `degree`; beyond ten each is its own."""
+    """Return the smallest compiled degree that is at least `degree`; above ten, each degree is compiled."""
     return next((bucket for bucket in _DEGREES if bucket >= degree), degree)
 
 
 @lru_cache(maxsize=64)
 def elevation_matrix(degree: int, target: int) -> np.ndarray:
-    """The (target + 1, degree + 1) matrix of raising the degree, C(n,i) C(m-n,k-i) / C(m,k): convex combinations."""
+    """Return the (target + 1, degree + 1) matrix of degree raising, C(n,i) C(m-n,k-i) / C(m,k): convex combinations."""
     weights = product_weights(degree, target - degree)
     matrix = np.zeros((target + 1, degree + 1))
     for i in range(degree + 1):
@@ -57,12 +58,12 @@ def elevation_matrix(degree: int, target: int) -> np.ndarray:
 
 
 def usable(curve: BezierSegments) -> Any:
-    """Whether all control points are finite and all weights finite and positive; True for concrete curves, checked."""
+    """Return whether all control points are finite and all weights finite and positive; True for concrete curves."""
     return usable_numbers(curve.control_points, curve.weights) if is_traced(curve) else True
 
 
 def replaced(curve: BezierSegments, good: Any) -> BezierSegments:
-    """The curve, with harmless numbers where it is not good, so that no NaN enters a search."""
+    """Return the curve, with harmless numbers unless it is good, so that no NaN enters a search."""
     if not is_traced(good):
         return curve
     weights = None if curve.weights is None else jnp.where(good, curve.weights, 1.0)
@@ -70,10 +71,10 @@ def replaced(curve: BezierSegments, good: Any) -> BezierSegments:
 
 
 def shared_count(first: int, second: int, small: bool = False) -> tuple[int, int]:
-    """The numbers of segments of two curves where programs are to be few: one for both if they are about equal.
+    """Return the padded numbers of segments of two curves: one for both if they are about equal.
 
-    Each size takes seconds to compile. Repeated segments cost a search little up to a hundred, and at most a tenth of
-    its time if they are half of the longer curve.
+    So fewer sizes are compiled; each takes seconds. Repeated segments cost a search little up to a hundred, and at most
+    a tenth of its time if they are half of the longer curve.
     """
     counts = padded_count(first, small), padded_count(second, small)
     most = max(counts)
@@ -108,7 +109,7 @@ def prepare(
 
 
 def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:
-    """Bound on how far `prepare` moves any point of one curve, in the common coordinates.
+    """Bound the distance by which `prepare` moves any point of one curve, in the common coordinates.
 
     Subtracting the center rounds each coordinate once. Raising the degree forms convex combinations of at most
     degree + 1 products, with weights of two roundings; on rational curves numerator and denominator each err by a
@@ -118,7 +119,7 @@ def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:
 
 
 def evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
-    """Bound on how far the computed witness is from a point of a, and both curves from the stored ones.
+    """Bound the distance of the computed witness from a point of a, and of both curves from the stored ones.
 
     De Casteljau's algorithm costs three roundings a level, in numerator and denominator of a rational segment, whose
     quotient adds a product and a division, each relative to coordinates of at most one.
@@ -129,10 +130,10 @@ def evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
 
 
 def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational: bool, count: int) -> BezierSegments:
-    """The curve with these control points, raised to `degree` and padded by repetition of its last segment to `count`.
+    """Return the curve with these control points, raised to `degree`, its last segment repeated up to `count`.
 
-    A polynomial curve gets weights of one where the other curve is rational. The weights of each segment are first
-    scaled to a largest one in [1/2, 1), which changes no point.
+    A polynomial curve gets weights of one if the other curve is rational. The weights of each segment are first scaled
+    to a largest one in [1/2, 1), which changes no point.
     """
     index = np.minimum(np.arange(count), curve.count - 1)
     weights: Any = curve.weights

@@ -19,13 +19,13 @@ Run = Callable[[Any, Any, Aim], tuple[HausdorffSolution, Any]]
 
 
 class TracedSearch(NamedTuple):
-    """A search that is traced, and what it takes.
+    """A traced search for both directions, with its arguments.
 
     Args:
         both: `scanned` with a function for one direction, as a function of a module.
-        common: what the directions have in common.
-        there: for the direction from a to b.
-        back: for the other one, arrays of the same shapes.
+        common: arguments that both directions share.
+        there: arguments for the direction from a to b.
+        back: arguments for the direction from b to a, arrays of the same shapes.
         answers: shapes and types of the answers for both; None for a search that is always traced.
     """
 
@@ -37,14 +37,15 @@ class TracedSearch(NamedTuple):
 
 
 def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[Any, Any]:
-    """Both directions by one traced search, which is compiled once and run twice.
+    """Return both directions of one traced search, which is compiled once and run twice.
 
-    Each is a solution, and the second result of the search.
+    Each result is a solution with the second result of the search.
 
     Args:
         search: the search.
-        level: nothing up to this length matters; None: nothing below the first lower bound, of the second direction.
-        ceiling: nothing more matters above this length, or None.
+        level: distances up to this length do not matter; None for the lower bound of the first direction, in the
+            second.
+        ceiling: distances above this length need no closer bounds; None without.
     """
     given = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), search.there, search.back)
     dtype = jnp.result_type(*(x for x in jax.tree_util.tree_leaves(given) if jnp.issubdtype(x.dtype, jnp.floating)))
@@ -56,14 +57,14 @@ def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[Any, Any]:
 
 
 def scanned(run: Run, common: Any, given: Any, aim: Aim, rising: Array) -> tuple[HausdorffSolution, Any]:
-    """The answers for both directions; of the second one what exceeds the first counts where the level rises.
+    """Return the results of both directions; with `rising`, the second matters only above the first.
 
     Args:
-        run: of what both directions have in common, of what is given for one, and of an aim; returns a solution and a
+        run: function of the common arguments, the arguments of one direction, and an aim; returns a solution and a
             pytree of further arrays.
-        common: what they have in common.
-        given: for either direction.
-        aim: of the first direction.
+        common: arguments that both directions share.
+        given: arguments of both directions, stacked.
+        aim: aim of the first direction.
         rising: whether the lower bound of the first direction is the level of the second.
     """
 
@@ -76,7 +77,7 @@ def scanned(run: Run, common: Any, given: Any, aim: Aim, rising: Array) -> tuple
 
 @compiled
 def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-    """The larger of both directed distances, the first one at a tie; it keeps both."""
+    """Return the larger of both directed distances, the first one at a tie; it keeps both."""
     turned = ordered(back.value) > ordered(there.value)
     chosen = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
     stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
@@ -94,12 +95,12 @@ def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSoluti
 
 @compiled
 def larger_of_forms(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-    """The same of two in forms of their own, which its directions keep."""
+    """Return the larger of two directed distances in different forms, which its directions keep."""
     return replace(larger(*_alike(there, back)), directions=(there, back))
 
 
 def _alike(there: HausdorffSolution, back: HausdorffSolution) -> tuple[HausdorffSolution, HausdorffSolution]:
-    """Both in one form: of parameters each has as many as the richer one, and counts that one lacks are zeros.
+    """Return both in one form: parameters are filled up to the longer ones, missing counts are zero.
 
     A single number is repeated, and rows are filled up with zeros.
     """
@@ -119,7 +120,7 @@ def _formed(solution: HausdorffSolution, columns: int, params: int, names: Any) 
 
 
 def _filled(rows: Array, columns: int, single: bool) -> Array:
-    """The rows with so many numbers each, or as they are for none."""
+    """Return the rows filled up to `columns` numbers each, or unchanged for none."""
     if columns == 0:
         return rows
     if single:

@@ -1,12 +1,12 @@
 """Computations of the host inside compiled functions: under jit, vmap and grad they are called from there.
 
-What is called is not differentiated; derivatives are attached to its answer outside, by the rules that serve known
+The called functions are not differentiated; derivatives are attached to their results outside, by the rules for known
 shapes. Only `answer_in_program` differentiates, since the locations that a statistic is summed over depend on the
 numbers of the shapes: a function that is differentiated calls once for the answer and for the gradient of its value.
-Of a batch the calls run one after the other; where only points of one shape differ, they are one call.
+The calls for a batch run one after the other; if only points of one shape differ, they are one call.
 
-Searches that could be traced as well run there by kept programs (`by_kept_program`): nothing of them is compiled with
-the function, and blocks of a batch are shared by all cores.
+Searches that could also be traced run there as kept compiled functions (`by_kept_program`). They are not compiled with
+the calling function, and all cores work on the blocks of a batch.
 
 On CPUs a call gets the memory of its arguments (`buffer_callback`). `jax.pure_callback` makes arrays of them, for which
 it may wait for a thread of the device while all threads wait for calls like it.
@@ -14,7 +14,7 @@ it may wait for a thread of the device while all threads wait for calls like it.
 XLA's threads take subnormal numbers for zero; a call keeps them.
 
 A call computes on a device of its own (`host_device`): the compiled function that waits for it may occupy all threads
-of its device. JAX would choose the function's device, and what runs on a chosen device is not kept on disk.
+of its device. JAX would choose the function's device, and functions compiled for a chosen device are not kept on disk.
 """
 
 import os
@@ -39,19 +39,19 @@ from jhd._runtime.compiled import calls_host, compiled, optimized
 from jhd._runtime.jax_internals import host_device
 from jhd._runtime.sharding import is_partitioned, shared_by_devices
 
-# Members of a batch that one program takes, one after the other. An eighth of them is worth a call, so that the cores
+# Batch members in one compiled function, one after the other. An eighth of them is worth a call, so that the cores
 # finish at about the same time.
 _BLOCK = 32
 
 
 def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bool = False) -> Any:
-    """What a function of known arrays gives, where the arrays are traced.
+    """Call a function of known arrays on the host, also if the arrays are traced; return its result.
 
     Args:
-        function: takes the arguments with NumPy arrays in place of tracers; its answer is a function of them alone.
-        like: shapes and types of its answer, as jax.ShapeDtypeStruct.
+        function: takes the arguments with NumPy arrays instead of tracers; its result depends only on them.
+        like: shapes and types of the result, as jax.ShapeDtypeStruct.
         arguments: pytrees of arrays.
-        rows: the first argument is an array whose rows have one row each of the answer; a batch of it is one call.
+        rows: whether the first argument is an array with one row for each row of the result; a batch of it is one call.
     """
     # The precision of the calling thread; the call comes from another one.
     device, wide = host_device(), _is_wide()
@@ -74,7 +74,7 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
         return jax.pure_callback(known, like, *arguments, vmap_method=method)
 
     def filled(_: Any, out: Any, *values: Any) -> None:
-        # Copies: what is kept of the arguments must not change with the memory of the function.
+        # Copies: arguments that are kept must not change with the memory of the function.
         found = known(*jax.tree_util.tree_map(lambda x: np.asarray(x).copy(), values))
         for place, x in zip(*map(jax.tree_util.tree_leaves, (out, found)), strict=True):
             np.asarray(place)[...] = x
@@ -83,16 +83,16 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any, rows: bo
 
 
 def _is_wide() -> bool:
-    """Whether numbers have 64 bits, in this thread."""
+    """Return whether numbers have 64 bits in this thread."""
     return jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _by_rows(function: Callable[..., Any], like: Any, ranks: list[int], values: Any) -> Any:
-    """What a function of rows and other arguments gives for a batch: one call for each of the other arguments.
+    """Evaluate a function of rows and other arguments for a batch: one call for each of the other arguments.
 
     Args:
-        function: from the arguments to an answer for each row.
-        like: the form of the answer without a batch.
+        function: maps the arguments to a result for each row.
+        like: the form of the result without a batch.
         ranks: of the leaves of the arguments without a batch.
         values: the arguments. Axes of the batch come first; an axis of length one is not batched.
     """
@@ -112,13 +112,13 @@ def _by_rows(function: Callable[..., Any], like: Any, ranks: list[int], values: 
 
 
 def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes: Any, *options: Any) -> Any:
-    """What `search` answers about numbers that are known only when the program runs.
+    """Return the result of `search` for numbers that are known only when the compiled function runs.
 
     Args:
-        search: from the shapes and the options, all numbers known, to an answer.
-        refused: makes the answer where a number of a shape is not finite or an option is NaN; all have its form.
+        search: maps the shapes and the options, all numbers known, to a result.
+        refused: makes the result if a number of a shape is not finite or an option is NaN; every result has its form.
         shapes: a pytree of arrays, not to be differentiated.
-        options: likewise.
+        options: pytrees of arrays, not to be differentiated.
     """
     with eval_context():
         unusable = refused()
@@ -135,19 +135,19 @@ def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes:
 def by_kept_program(
     function: Callable[..., Any], answer: Any, own: tuple, shared: tuple = (), block: int = _BLOCK
 ) -> Any:
-    """What a traceable function gives for traced arrays: on CPUs by its kept program on the host, else traced.
+    """Evaluate a traceable function for traced arrays: on CPUs on the host, by its kept compiled function, else traced.
 
     Args:
-        function: of the shared arguments, then of its own; one of a module of this package, or a named tuple of
-            constants that can be called.
-        answer: shapes and types of its answer, as jax.ShapeDtypeStruct; None for functions that are always traced.
+        function: function of the shared arguments, then of its own; a function of a module of this package, or a named
+            tuple of constants that can be called.
+        answer: shapes and types of its result, as jax.ShapeDtypeStruct; None for functions that are always traced.
         own: arguments, pytrees of arrays that are not differentiated.
-        shared: arguments that are handed over once for a batch wherever they have no axis of it.
-        block: members of a batch that one call of the program takes at most.
+        shared: arguments that are passed once for a batch if they have no batch axis.
+        block: largest number of batch members in one call of the compiled function.
     """
     if answer is None or not calls_host() or is_partitioned((own, shared)):
         return shared_by_devices(function)(*shared, *own)
-    # Where all numbers are known some are Python's.
+    # If all numbers are known, some are Python numbers.
     own, shared = jax.tree_util.tree_map(lambda x: x if hasattr(x, "dtype") else np.asarray(x), (own, shared))
     rows, row = (packed(jax.lax.stop_gradient(x)) for x in (own, shared))
     forms = form_of(shared), form_of(own)
@@ -158,26 +158,26 @@ def by_kept_program(
 
 
 def of_known_rows(function: Callable[..., Any], answer: Any, rows: np.ndarray, shared: tuple, block: int) -> Any:
-    """Answers of `by_kept_program` for known rows: each row is the own argument of one member of a batch."""
+    """Return the results of `by_kept_program` for known rows: each row is the own argument of one member of a batch."""
     row = packed(jax.tree_util.tree_map(np.asarray, shared))
     forms, form = (form_of(shared), form_of((rows[0],))), form_of(answer)
     return unpacked(form, answers(function, forms, _length(form, rows.dtype), block, rows, row))
 
 
 def like_result() -> Any:
-    """The shape and type of a member of RESULTS."""
+    """Return the shape and type of a member of RESULTS."""
     return jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct((), x.dtype), RESULTS.successful)
 
 
 class Packing(NamedTuple):
-    """How arrays lie in one row of numbers: their structure, shapes and types."""
+    """Layout of arrays in one row of numbers: their structure, shapes and types."""
 
     tree: Any
     kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]
 
 
 def form_of(values: Any) -> Packing:
-    """The packing of arrays."""
+    """Return the packing of arrays."""
     leaves, tree = jax.tree_util.tree_flatten(values)
     return Packing(tree, tuple((x.shape, np.dtype(jax.dtypes.canonicalize_dtype(x.dtype))) for x in leaves))
 
@@ -192,7 +192,7 @@ def _is_real(kind: np.dtype) -> bool:
 
 
 def packed(values: Any) -> Any:
-    """All numbers in one row: each array that is handed to the host takes as long as a short step of a search.
+    """Return all numbers in one row: passing one array to the host takes as long as a short step of a search.
 
     Whole numbers are stored by their bits.
     """
@@ -210,7 +210,7 @@ def packed(values: Any) -> Any:
 
 
 def unpacked(form: Packing, rows: Any) -> Any:
-    """The arrays of a row, or of rows with axes in front."""
+    """Return the arrays of a row, or of rows with axes in front."""
     leaves, start, batch, whole = [], 0, rows.shape[:-1], jnp.result_type(int)
     for shape, kind in form.kinds:
         real = _is_real(kind)
@@ -233,15 +233,15 @@ def answers(
     rows: np.ndarray,
     shared: np.ndarray,
 ) -> np.ndarray:
-    """The packed answers to packed arguments, by the kept program of a function.
+    """Return the packed results for packed arguments, by the kept compiled function.
 
     Args:
         function: as in `by_kept_program`.
-        forms: of its shared arguments, and of its own.
-        length: of an answer.
-        block: rows that one call takes at most.
-        rows: its own arguments.
-        shared: the shared ones.
+        forms: packings of its shared arguments, and of its own.
+        length: length of a packed result.
+        block: largest number of rows in one call.
+        rows: its own arguments, packed.
+        shared: the shared arguments, packed.
     """
     if len(rows) == 1:
         with jax.default_device(host_device()):
@@ -268,7 +268,7 @@ def _one(function: Callable[..., Any], forms: tuple[Packing, Packing], own: Arra
 def _many(
     function: Callable[..., Any], forms: tuple[Packing, Packing], count: Any, blank: Array, rows: Array, shared: Array
 ) -> Array:
-    """The answers for the first `count` rows of a block, each as soon as the one before it is finished."""
+    """Return the results for the first `count` rows of a block, computed one after the other."""
     given = unpacked(forms[0], shared)
 
     def member(k: Any, out: Any) -> Any:
@@ -278,12 +278,12 @@ def _many(
 
 
 def cores() -> int:
-    """How many threads may compute at a time."""
+    """Return how many threads may compute at a time."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def on_all_cores(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """What `work` gives for each item, on the device for calls of the host; the waiting thread takes part."""
+    """Return work(item) for each item, on the device for host calls; the waiting thread takes part."""
     device, wide, found, left = host_device(), _is_wide(), [None] * len(items), iter(range(len(items)))
 
     def some(_: int = 0) -> None:
@@ -313,7 +313,7 @@ class AnswerForm(NamedTuple):
     counts: tuple[str, ...]
 
     def refused(self, result: Any = RESULTS.nonfinite_value) -> HausdorffSolution:
-        """What is answered about shapes that are none."""
+        """Return the result for invalid shapes."""
         # Operations of JAX would be compiled for it.
         number = lambda x, *shape: array_of(np.full(shape, x, self.dtype))  # noqa: E731
         none = array_of(np.zeros((), jnp.result_type(int)))
@@ -332,7 +332,7 @@ class AnswerForm(NamedTuple):
         return HausdorffSolution(number(jnp.inf), number(0.0), number(jnp.inf), witness, result, stats)
 
     def like(self, *batch: int) -> Any:
-        """Shapes and types of an answer, or of so many answers."""
+        """Return the shapes and types of a result, or of several results."""
         return jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct((*batch, *x.shape), x.dtype), _example(self))
 
 
@@ -345,12 +345,13 @@ def _example(form: AnswerForm) -> HausdorffSolution:
 def answer_in_program(
     answer: Callable[..., Any], refused: Callable[[], Any], shapes: Any, options: dict[str, Any]
 ) -> Any:
-    """What is answered about shapes that are known when the program runs, its first leaf differentiable in them.
+    """Return a result for shapes that are known when the compiled function runs; its first leaf is differentiable.
 
     Args:
-        answer: from the shapes and the options by name, all known, to a pytree; differentiable outside of programs.
-        refused: makes the answer about shapes that are none, or that a plain call refuses; every answer has its form.
-        shapes: a pytree, of which arrays of real numbers are differentiated.
+        answer: maps the shapes and the options by name, all known, to a pytree; differentiable outside of compiled
+            functions.
+        refused: makes the result for shapes that are invalid or that a plain call refuses; every result has its form.
+        shapes: a pytree; its arrays of real numbers are differentiated.
         options: arrays, numbers or None; not differentiated.
     """
     shapes, options = jax.tree_util.tree_map(jnp.asarray, (shapes, options))
@@ -394,5 +395,5 @@ def answer_in_program(
 
 
 def _still(x: Any) -> Any:
-    """The change of what is constant: of whole numbers JAX wants one of a kind of their own."""
+    """Return the zero tangent of a constant; for integers JAX requires a type of its own."""
     return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.inexact) else np.zeros(x.shape, jax.dtypes.float0)

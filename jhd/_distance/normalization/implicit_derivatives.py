@@ -3,8 +3,8 @@
 As in jhd._distance.normalization.custom_derivatives, the numbers found are constants, and a function that has their
 values at the location found has the derivatives. Derivatives that nobody takes cost nothing. Inside jit they are part
 of the compiled function. If the shapes are known and a derivative is taken around the call, each operation would be
-compiled separately, in every process. So one compiled function, which is kept, computes all slopes in the rows; it
-serves shapes of any number of rows.
+compiled separately, in every process. So one kept compiled function computes all slopes in the rows; it serves shapes
+of any number of rows.
 """
 
 from collections.abc import Callable
@@ -25,9 +25,10 @@ class TouchedRows(NamedTuple):
     """Some rows of an array of a shape.
 
     Args:
-        array: of numbers that may be differentiated.
-        index: which rows count, an array of any shape; None for the whole array. Below zero it stands for the first.
-        table: where given, the index is that of rows of this table, which hold the rows of the array.
+        array: numbers that may be differentiated.
+        index: indices of the rows that count, an array of any shape; None for the whole array. A negative index stands
+            for 0.
+        table: if given, the index refers to rows of this table, which holds the rows of the array.
     """
 
     array: Any
@@ -35,7 +36,7 @@ class TouchedRows(NamedTuple):
     table: Any = None
 
     def places(self) -> Any:
-        """The rows that count; None for all."""
+        """Return the indices of the rows that count; None for all."""
         if self.index is None:
             return None
         if self.table is None:
@@ -44,10 +45,10 @@ class TouchedRows(NamedTuple):
 
 
 class MovingNumbers(NamedTuple):
-    """Numbers as functions of the shapes, and where they have derivatives.
+    """Numbers as functions of the shapes, and which of them have derivatives.
 
     Args:
-        numbers: a pytree of arrays, like that of the numbers found.
+        numbers: a pytree of arrays, in the structure of the numbers found.
         where: a prefix of the same pytree; elsewhere the derivatives are zero.
     """
 
@@ -59,10 +60,10 @@ Function = Callable[[Any, Any], MovingNumbers]
 
 
 def following(function: Function, found: Any, parts: Any, constants: Any) -> Any:
-    """The numbers found, with the derivatives of a function wherever the numbers and the function are finite.
+    """Return the numbers found, with the derivatives of a function wherever the numbers and the function are finite.
 
     Args:
-        function: one of a module of this package, from the rows of the parts and the constants.
+        function: a function of a module of this package, of the rows of the parts and the constants.
         found: a pytree of few numbers, constants.
         parts: a pytree whose leaves are of type TouchedRows.
         constants: a pytree of arrays that are not differentiated.
@@ -76,13 +77,14 @@ def _following(function: Function, found: Any, parts: Any, constants: Any) -> An
 
 
 def _rule(function: Function, primals: tuple, tangents: tuple) -> tuple[Any, Any]:
+    """Return the numbers found and their change for given changes of the parts: the derivative rule of `following`."""
     found, parts, constants = primals
-    # Further derivatives are those of the numbers as functions, too.
+    # Further derivatives are also derivatives of the numbers as functions.
     here = following(function, found, parts, constants) if is_traced(parts) else found
     rows, places = _touched(parts)
     moves = [None if isinstance(part.array, SymbolicZero) else part.array for part in _leaves(tangents[1])]
     if is_tracing():
-        # Only the changes of the numbers that are asked for remain of it.
+        # Only the changes of the requested numbers remain of it.
         leaves, form = jax.tree_util.tree_flatten(rows)
         moved = [
             jnp.zeros_like(row) if x is None else x if k is None else x[k]
@@ -100,7 +102,7 @@ _following.defjvp(_rule, symbolic_zeros=True)
 
 
 def _numbers(function: Function, found: Any, constants: Any, rows: Any) -> tuple[Any, Any]:
-    """The numbers as functions of the rows, and which of them have derivatives."""
+    """Return the numbers as functions of the rows, and which of them have derivatives."""
     numbers, where = function(rows, constants)
     usable = jax.tree_util.tree_map(
         lambda x, y, known: known & jnp.isfinite(x - y), found, numbers, jax.tree.broadcast(where, found)
@@ -117,7 +119,7 @@ def _leaves(parts: Any) -> list[TouchedRows]:
 
 
 def _rows(parts: Any) -> tuple[Any, list[Any]]:
-    """The rows that count, in the structure of the parts, and their places in the arrays."""
+    """Return the rows that count, in the structure of the parts, and their indices in the arrays."""
     places = [part.places() for part in _leaves(parts)]
     rows = [
         part.array if k is None else jnp.asarray(part.array)[k] for part, k in zip(_leaves(parts), places, strict=True)
@@ -130,10 +132,10 @@ _touched = compiled(_rows)
 
 @partial(compiled, static=(0,))
 def _slopes(function: Function, found: Any, rows: Any, constants: Any) -> list[Array]:
-    """The derivatives of all numbers, in a row, in each array of rows."""
+    """Return the derivatives of all numbers, in a row, in each array of rows."""
 
     def numbers(rows: Any) -> tuple[Array, Array]:
-        # Zeros go back through what is left out, where the function must be finite as well.
+        # Backpropagation sends zeros through numbers without derivatives too, so the function must be finite there.
         flat = (ravel_pytree(x)[0] for x in _numbers(function, found, constants, rows))
         return next(flat), next(flat)
 
@@ -144,11 +146,11 @@ def _slopes(function: Function, found: Any, rows: Any, constants: Any) -> list[A
 
 @compiled
 def _changed(found: Any, moved: list[tuple[Array, Any, Array]]) -> Any:
-    """How the numbers change where the arrays do."""
+    """Return the change of the numbers for given changes of the arrays."""
     flat, form = ravel_pytree(found)
     total = jnp.zeros_like(flat)
     for slope, places, x in moved:
-        # Sums keep the batch axis of vmap in front, where a matrix product may move it.
+        # Sums keep the batch axis of vmap in front, but a matrix product may move it.
         rows = x if places is None else x[places]
         total = total + jnp.sum(slope * rows[None], axis=range(1, slope.ndim))
     return form(total)

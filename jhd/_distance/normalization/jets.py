@@ -18,7 +18,7 @@ class CurveJet(NamedTuple):
 
 @jax.jit
 def jet(control_points: Array, weights: Array | None, t: Array) -> CurveJet:
-    """The jet of one segment (points, dim) at the scalar t; jitted so that its many uses are traced once.
+    """Return the jet of one segment (points, dim) at the scalar t; jitted so that its many uses are traced once.
 
     For C = n/w the quotient rule gives C' = (n' - C w')/w and C'' = (n'' - 2 C' w' - C w'')/w.
     """
@@ -28,14 +28,14 @@ def jet(control_points: Array, weights: Array | None, t: Array) -> CurveJet:
 
 
 def quotient(n: CurveJet, w: CurveJet) -> CurveJet:
-    """The jet of n / w."""
+    """Return the jet of n / w."""
     point = n.point / w.point
     first = (n.first - point * w.first) / w.point
     return CurveJet(point, first, (n.second - 2 * first * w.first - point * w.second) / w.point)
 
 
 def polynomial_jet(c: Any, t: Any) -> CurveJet:
-    """The jet of polynomials with the coefficients (points, ...) at t, in NumPy where the coefficients are."""
+    """Return the jet at t of polynomials with coefficients (points, ...); in NumPy for NumPy coefficients."""
     degree = c.shape[0] - 1
     second = first = module_of(c).zeros_like(c[0])
     for level in range(degree, 0, -1):

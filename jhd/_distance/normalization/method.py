@@ -19,7 +19,7 @@ class AbstractMethod(eqx.Module):
     @classmethod
     @abstractmethod
     def serves(cls, a: object, b: object) -> bool:
-        """Whether the method can measure this pair of shapes."""
+        """Return whether the method can measure this pair of shapes."""
 
 
 class AbstractHausdorffMethod(AbstractMethod):
@@ -30,16 +30,16 @@ class AbstractHausdorffMethod(AbstractMethod):
 
 
 class AbstractCurveMethod(AbstractHausdorffMethod):
-    """Options of a method for curves only, and how it measures a pair of curves in common coordinates."""
+    """Options of a method for curves only, which measures a pair of curves in common coordinates."""
 
     @classmethod
     def serves(cls, a: object, b: object) -> bool:
-        """Whether both are curves."""
+        """Return whether both are curves."""
         return isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
 
     @abstractmethod
     def _directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """The directed distance in the common coordinates, pure and traceable.
+        """Return the directed distance in the common coordinates, pure and traceable.
 
         Args:
             a: the source curve, with control points in [-1, 1], off by at most `preparation_error`.
@@ -53,11 +53,11 @@ class AbstractCurveMethod(AbstractHausdorffMethod):
 
 
 class AbstractHostMethod(AbstractCurveMethod):
-    """A method whose work depends on the numbers: it runs on the host, on concrete curves, not under jit or vmap."""
+    """A method that runs on the host, on concrete curves, not under jit or vmap: its work depends on the numbers."""
 
 
 def check_serves(method: Any, a: Any, b: Any, known: tuple[type[AbstractMethod], ...]) -> None:
-    """Raises TypeError, with the names of the methods that serve the pair, unless the method serves the shapes."""
+    """Raise TypeError, naming the methods that serve the pair, unless the method serves the shapes."""
     if isinstance(method, known) and method.serves(a, b):
         return
     *names, last = [f"{kind.__name__}()" for kind in known if kind.serves(a, b)]

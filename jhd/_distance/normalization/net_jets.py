@@ -5,8 +5,8 @@ A shape is a union of tensor-product pieces; a curve is one whose second paramet
 Rounding, for coordinates of at most one. Let p, q be the degrees. Restriction forms convex combinations, three
 roundings a level: a control point of the part is off by at most eta = gamma(3 (p + q) + 8) in each coordinate, and so
 is any point that they stand for. The derivatives are differences of these points, off by 2 p eta, 4 p (p - 1) eta and
-the like; on rational parts the ratio of the weights enlarges that. A point that is computed from the control points
-takes three roundings a level for the Bernstein polynomials and (p + 1) + (q + 1) for the sums, so it is off by
+so on; on rational parts the ratio of the weights enlarges these errors. A point that is computed from the control
+points takes three roundings a level for the Bernstein polynomials and (p + 1) + (q + 1) for the sums, so it is off by
 gamma(7 (p + q) + 24) in each coordinate.
 
 On rational pieces all this is done in homogeneous form, so that errors are relative to the weight. Numerator and weight
@@ -52,17 +52,17 @@ class Net(NamedTuple):
         return 1 if self.points.shape[-2] == 1 else 2
 
     def piece(self, k: Array) -> "Net":
-        """One piece, without the first axis."""
+        """Return one piece, without the first axis."""
         return Net(self.points[k], None if self.weights is None else self.weights[k])
 
 
 def usable_net(net: Net) -> Array:
-    """Whether all control points are finite and all weights finite and positive."""
+    """Return whether all control points are finite and all weights finite and positive."""
     return usable_numbers(net.points, net.weights)
 
 
 class NetJet(NamedTuple):
-    """Point, first derivatives (parameters, dim), second ones (parameters, parameters, dim) of a shape."""
+    """Point, first derivatives (parameters, dim) and second derivatives (parameters, parameters, dim) of a shape."""
 
     point: Any
     first: Any
@@ -70,18 +70,18 @@ class NetJet(NamedTuple):
 
 
 def eta(net: Net) -> float:
-    """Bound on the error of every coordinate of the control points of a part."""
+    """Bound the error of every coordinate of the control points of a part."""
     return gamma((3 if net.weights is None else 6) * sum(net.degrees) + 8, net.points.dtype)
 
 
 def point_error(net: Net) -> float:
-    """Bound on the error of the length of a point that is computed from a part, or from the piece itself."""
+    """Bound the error, as a length, of a point that is computed from a part, or from the piece itself."""
     roundings = (7 if net.weights is None else 20) * sum(net.degrees) + 24
     return math.sqrt(net.dim) * gamma(roundings, net.points.dtype)
 
 
 def part_of(net: Net, low: Array, high: Array) -> Net:
-    """The control points and weights of the part of one piece between these parameters."""
+    """Return the control points and weights of the part of one piece between these parameters."""
 
     def restricted(values: Array) -> Array:
         values = bernstein.restrict(values, low[0], high[0], axis=0)
@@ -99,10 +99,10 @@ def _homogeneous(points: Array, weights: Array) -> Array:
 
 @cache
 def _terms(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the derivatives of the orders 0, 1, 2 of the Bernstein polynomials are made of: sums of f t^i (1 - t)^j.
+    """Return terms of the derivatives of orders 0, 1, 2 of Bernstein polynomials, as sums of f t^i (1 - t)^j.
 
-    Factors and both exponents, (differences, orders, degree + 1): those of order k are the k-th differences of
-    polynomials of a degree that is k less.
+    Arrays of f, i and j, (differences, orders, degree + 1): derivatives of order k are the k-th differences of
+    polynomials of a degree lower by k.
     """
     factors = np.zeros((3, 3, degree + 1))
     powers, rest = (np.zeros(factors.shape, int) for _ in range(2))
@@ -116,9 +116,9 @@ def _terms(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _basis(degree: int, t: Array) -> Array:
-    """Values, first and second derivatives of the Bernstein polynomials, in fewer than 3 degree roundings each.
+    """Return values, first and second derivatives of the Bernstein polynomials, in fewer than 3 degree roundings each.
 
-    One sum of products of powers: the compiler makes one loop of it, and one of every step of a recurrence.
+    One sum of products of powers: it compiles to one loop; a recurrence would compile to one loop for each step.
     """
     factors, powers, rest = _terms(degree)
     terms = factors.astype(t.dtype) * _power(t, powers) * _power(1 - t, rest)
@@ -126,7 +126,7 @@ def _basis(degree: int, t: Array) -> Array:
 
 
 def _power(x: Array, exponents: np.ndarray) -> Array:
-    """Powers of a number, by products of squares of squares: one rounding less than the exponent."""
+    """Return powers of a number by repeated squaring, with one rounding less than the exponent."""
     result = jnp.ones(exponents.shape, x.dtype)
     for bit in range(int(np.max(exponents)).bit_length()):
         result = result * jnp.where((exponents >> bit & 1).astype(bool), x, 1.0)
@@ -135,7 +135,7 @@ def _power(x: Array, exponents: np.ndarray) -> Array:
 
 
 def jet(net: Net, x: Array) -> NetJet:
-    """Point and derivatives of one piece at its parameters, not enclosed; of a point there need be no parameters."""
+    """Return point and derivatives of one piece at its parameters, not enclosed; a point may have no parameters."""
     p, q = net.degrees
     n = net.parameters
     if not len(x):
@@ -160,25 +160,25 @@ def jet(net: Net, x: Array) -> NetJet:
 
 
 def _no_derivatives(points: Array) -> tuple[Array, Array]:
-    """First and second derivatives in no parameters."""
+    """Return empty first and second derivatives."""
     return jnp.zeros((0, points.shape[-1]), points.dtype), jnp.zeros((0, 0, points.shape[-1]), points.dtype)
 
 
 def enclosed(part: Net, error: Any, relative: Any, n: int | None = None) -> NetJet:
-    """Balls of the point and of its derivatives over a part.
+    """Return balls of the point and of its derivatives over a part.
 
     Args:
         part: the control points and weights.
-        error: of each control point.
-        relative: of each weight.
-        n: the number of parameters; zero is a point.
+        error: bound of the error of each control point.
+        relative: bound of the relative error of each weight.
+        n: the number of parameters; zero for a point.
     """
     if n == 0:
         none = [Ball(x, x) for x in _no_derivatives(part.points)]
         return NetJet(hull(part.points, (0, 1), jnp.asarray(error, part.points.dtype)), *none)
     if part.weights is None:
         return _nets(part.points, jnp.asarray(error, part.points.dtype))
-    # About a point of the part, so that what the weights multiply is small.
+    # Relative to a point of the part, so that the numbers that the weights multiply are small.
     center = hull(part.points, (0, 1), jnp.zeros(())).mid
     rows = _homogeneous(part.points - center, part.weights)
     most = jnp.max(part.weights)
@@ -197,7 +197,7 @@ def enclosed(part: Net, error: Any, relative: Any, n: int | None = None) -> NetJ
 
 
 def _nets(rows: Array, error: Array) -> NetJet:
-    """Balls of the polynomial with these control points and of its derivatives."""
+    """Return balls of the polynomial with these control points and of its derivatives."""
     p, q = rows.shape[0] - 1, rows.shape[1] - 1
     n = 1 if q == 0 else 2
 
@@ -219,5 +219,5 @@ def _nets(rows: Array, error: Array) -> NetJet:
 
 
 def skew(part: Net) -> Array | float:
-    """The ratio of the weights, by which the errors of derivatives grow."""
+    """Return the ratio of the weights, by which the errors of derivatives grow."""
     return 1.0 if part.weights is None else jnp.max(part.weights) / jnp.min(part.weights)

@@ -20,10 +20,10 @@ from jhd._shapes.patch import AbstractPatch
 
 
 def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
-    """Control points (pieces, rows, columns, dim) and weights of a shape, the largest of a piece in [1/2, 1).
+    """Return the control points (pieces, rows, columns, dim) and weights of a shape, its largest weight in [1/2, 1).
 
-    Curves have one column. A triangle is the bilinear patch of which one side is a single point: the same set of
-    points, exactly.
+    Curves have one column. A triangle becomes a bilinear patch with a side that is a single point: exactly the same set
+    of points.
     """
     if isinstance(shape, TriangleMesh):
         return Net(shape.corners[:, np.array([[0, 1], [0, 2]])], None)
@@ -37,13 +37,13 @@ def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
 
 
 def hull_of(points: Any) -> Net:
-    """The least and the largest coordinates of points (..., dim), as a net that stands for them in a frame."""
+    """Return the least and the largest coordinates of points (..., dim), as a net that replaces them in a frame."""
     ends: Any = np.stack(extremes(np.asarray(points)))[:, None, None]
     return Net(ends, None)
 
 
 def prepare_nets(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
-    """Both with coordinates in [-1, 1] about the origin, the frame that leads back, and a bound of the error made.
+    """Return both with coordinates in [-1, 1] about the origin, the frame that leads back, and a bound of the error.
 
     On concrete shapes this runs in NumPy, which keeps subnormals.
     """
@@ -59,7 +59,7 @@ def prepare_nets(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
 
 
 def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
-    """The net with curves raised to a degree that programs are compiled for, and pieces repeated to such a number."""
+    """Return the net with curves raised to a compiled degree, and pieces repeated up to a compiled number."""
     if weights is not None:
         weights = xp.asarray(weights)
         weights = xp.where(good, weights, 1.0) if is_traced(good) else weights
@@ -76,7 +76,7 @@ def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
 
 
 def repeated(net: Net) -> Net:
-    """The net with its last piece repeated up to a number that programs are compiled for."""
+    """Return the net with its last piece repeated up to a number of pieces that is compiled."""
     count = net.points.shape[0]
     index = np.minimum(np.arange(padded_count(count, small=is_traced(net.points))), count - 1)
     return Net(net.points[index], None if net.weights is None else net.weights[index])

@@ -1,4 +1,4 @@
-"""Segments of a curve, places on it, and which segment precedes which."""
+"""Segments of a curve, points on it by segment and parameter, and the predecessors of segments."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from jhd._shapes.curve import BezierSegments
 
 
 class Piece(NamedTuple):
-    """One segment: control points and weights."""
+    """A segment: control points and weights."""
 
     control_points: Float[Array, "points dim"]
     weights: Float[Array, " points"] | None
@@ -22,24 +22,24 @@ class CurvePlace(NamedTuple):
     t: Array
 
     def if_(self, condition: Array, other: "CurvePlace") -> "CurvePlace":
-        """This place if the condition holds, else the other one."""
+        """Return this point if the condition holds, else `other`."""
         return CurvePlace(*(jnp.where(condition, x, y) for x, y in zip(self, other, strict=True)))
 
 
 def piece_of(curve: BezierSegments, segment: Array) -> Piece:
-    """The segment with this index."""
+    """Return the segment with this index."""
     return Piece(curve.control_points[segment], None if curve.weights is None else curve.weights[segment])
 
 
 def is_point(piece: Piece) -> Array:
-    """Whether all control points of a segment are one."""
+    """Return whether all control points of a segment are equal."""
     return jnp.all(piece.control_points == piece.control_points[0])
 
 
 def preceding(next_segment: Array) -> Array:
-    """For each segment the one that ends where it starts, -1 at a free start: `next_segment` turned round.
+    """Return for each segment the one that ends at its start, -1 at a free start: the inverse of `next_segment`.
 
-    Where several end there, as repeated segments do, it is the first of them.
+    If several end there, for example repeated segments, it is the first of them.
     """
     count = next_segment.shape[-1]
     # The free ends, -1, all write to the slot behind the last.

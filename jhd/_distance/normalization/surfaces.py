@@ -28,7 +28,7 @@ from jhd._distance.normalization.net_jets import Net, usable_net
 from jhd._runtime.arrays import is_traced
 from jhd._shapes.implicit import ImplicitSurface
 
-# Degrees in each variable that programs are compiled for; beyond the last each is its own.
+# Degrees in each variable that are compiled; above the last one, each degree is compiled.
 _DEGREES = (2, 3, 4, 6, 8)
 # The largest denominator of coordinates that are tried for an isolated point.
 _SIMPLE = 1 << 12
@@ -44,9 +44,9 @@ class Side(NamedTuple):
         error: bounds of their errors as coefficients of a positive multiple of the exact polynomial.
         lower: the lower corner of the box.
         upper: the upper corner.
-        vanishing: entry [i, j, k], with 0 for the lower end of a coordinate, 2 for the upper and 1 for all of it, says
-            whether the exact polynomial is known to be zero on the whole face, edge or corner.
-        isolated: points where it is zero without a change of sign.
+        vanishing: entry [i, j, k], with 0 for the lower end of a coordinate, 2 for the upper end and 1 for the whole
+            range: whether the exact polynomial is known to be zero on the whole face, edge or corner.
+        isolated: points at which it is zero without a change of sign.
     """
 
     coefficients: Any  # (n, n, n)
@@ -58,16 +58,16 @@ class Side(NamedTuple):
 
     @property
     def vanishing_faces(self) -> tuple[Array, Array]:
-        """Whether it is known to be zero on all of the face at the lower end of each coordinate, and at the upper."""
+        """Return whether the polynomial is known to be zero on the whole lower, and upper, face of each coordinate."""
         whole = jnp.asarray(self.vanishing)
         lower, upper = (jnp.stack([whole[end, 1, 1], whole[1, end, 1], whole[1, 1, end]]) for end in (0, 2))
         return lower, upper
 
 
 def prepare_surfaces(a: Any, b: Any) -> tuple[Any, Any, Frame]:
-    """Both shapes in common coordinates of size at most one, and the frame that leads back to the user's.
+    """Return both shapes in common coordinates of size at most one, and the frame that leads back to the user's.
 
-    Each is an ImplicitSurface, one of them at least, which becomes a Side, or a Net, which stays one.
+    At least one is an ImplicitSurface, which becomes a Side; a Net stays a Net.
     """
     traced = is_traced(a, b)
     xp: Any = jnp if traced else np
@@ -93,7 +93,7 @@ def _box(xp: Any, shape: ImplicitSurface | Net) -> tuple[Any, Any]:
 
 
 def _moved(xp: Any, net: Net, frame: Frame) -> Net:
-    """The net in common coordinates, without rounding."""
+    """Return the net in common coordinates, without rounding."""
     points, weights = xp.asarray(net.points), net.weights
     if is_traced(frame.usable):
         points = jnp.where(frame.usable, points, 0.0)
@@ -102,7 +102,7 @@ def _moved(xp: Any, net: Net, frame: Frame) -> Net:
 
 
 def padded(degree: int) -> int:
-    """The smallest degree that programs are compiled for and that holds `degree`."""
+    """Return the smallest compiled degree that is at least `degree`."""
     return next((bucket for bucket in _DEGREES if bucket >= degree), degree)
 
 
@@ -123,7 +123,7 @@ def _usable(surface: ImplicitSurface | Net) -> Any:
 
 
 def _exact(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[Any, ...]:
-    """Coefficients, their errors, the strata where they vanish and isolated points, from exact arithmetic."""
+    """Return coefficients, their errors, the strata of zeros and isolated points, from exact arithmetic."""
     exact = exact_polynomial(surface, frame)
     dtype = np.asarray(surface.lower).dtype
     nu, u = smallest_normal(dtype), float(np.finfo(dtype).eps)
@@ -139,7 +139,7 @@ def _isolated(exact: np.ndarray, floats: np.ndarray, frame: Frame, box: list[Any
     middle = [Fraction(float(x)) * Fraction(2) ** int(frame.first) for x in np.asarray(frame.center)]
 
     def simple(place: np.ndarray) -> list[Fraction]:
-        """A place close by with short fractions in the user's coordinates."""
+        """Return a nearby point with short fractions in the user's coordinates."""
         there = [m + unit * Fraction(float(x)) for m, x in zip(middle, place, strict=True)]
         return [(x.limit_denominator(_SIMPLE) - m) / unit for m, x in zip(middle, there, strict=True)]
 
@@ -148,7 +148,7 @@ def _isolated(exact: np.ndarray, floats: np.ndarray, frame: Frame, box: list[Any
 
 
 def exact_polynomial(surface: ImplicitSurface, frame: Frame) -> np.ndarray:
-    """A positive multiple of the polynomial of a known surface in common coordinates, in integers."""
+    """Return a positive multiple of the polynomial of a known surface in common coordinates, in integers."""
     two = Fraction(2)
     first, second = int(frame.first), int(frame.second)
     middle = [Fraction(float(x)) * two**first for x in np.asarray(frame.center)]
@@ -157,7 +157,7 @@ def exact_polynomial(surface: ImplicitSurface, frame: Frame) -> np.ndarray:
 
 
 def _vanishing(exact: np.ndarray, floats: np.ndarray, box: list[Any]) -> np.ndarray:
-    """On which faces, edges and corners of the box the polynomial is zero."""
+    """Return on which faces, edges and corners of the box the polynomial is zero."""
     found = np.zeros((3, 3, 3), bool)
     corners = [np.asarray(box[0], float), None, np.asarray(box[1], float)]
     for stratum in product(range(3), repeat=3):
@@ -178,7 +178,7 @@ def _vanishing(exact: np.ndarray, floats: np.ndarray, box: list[Any]) -> np.ndar
 
 
 def _restricted(polynomial: np.ndarray, axis: int, x: Fraction) -> np.ndarray:
-    """A positive multiple of the polynomial with one variable put in."""
+    """Return a positive multiple of the polynomial with a number for one variable."""
     rows, n = np.moveaxis(polynomial, axis, 0), polynomial.shape[axis] - 1
     total = np.zeros(rows.shape[1:], dtype=object)
     for i, row in enumerate(rows):
@@ -188,11 +188,11 @@ def _restricted(polynomial: np.ndarray, axis: int, x: Fraction) -> np.ndarray:
 
 
 def _rounded(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[Any, ...]:
-    """The same in floating point.
+    """Return the results of `_exact`, computed in floating point.
 
-    A coefficient of the shifted polynomial is a sum of terms a_i C(i, j) c^(i - j), each of at most four roundings for
-    every degree of every variable: so many make the bound, relative to the sum of their sizes. Scalings are powers of
-    two. Where a term is flushed to zero, 2^-900 of the largest covers it.
+    A coefficient of the shifted polynomial is a sum of terms a_i C(i, j) c^(i - j), each with at most four roundings
+    for every degree of every variable. The bound counts them, relative to the sum of the sizes of the terms. Scalings
+    are powers of two. If a term is flushed to zero, 2^-900 of the largest covers it.
     """
     a = jnp.where(frame.usable, surface.coefficients, 0.0)
     a = jnp.where(frame.usable, a, a.at[0, 0, 0].set(1.0))
@@ -210,7 +210,7 @@ def _rounded(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[An
     low, high = (jnp.asarray(end) == 0 for end in box)
     faces = jnp.zeros((3, 3, 3), bool)
     for axis in range(3):
-        # Only where a coordinate ends at zero are the coefficients on the face known without rounding.
+        # Only if a coordinate ends at zero are the coefficients on the face known without rounding.
         free = jnp.all(jnp.take(zero, 0, axis=axis))
         place = [1, 1, 1]
         for end, at_zero in ((0, low), (2, high)):
@@ -220,9 +220,10 @@ def _rounded(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[An
 
 
 def _scaled(a: Array, error: Array, exponents: Any) -> tuple[Array, Array]:
-    """Both times 2^exponents and a power of two that brings the largest coefficient to [1/2, 1).
+    """Return both times 2^exponents and a power of two that brings the largest coefficient to [1/2, 1).
 
-    What falls below 2^-960 of it becomes zero, with an error that says so. Subnormal coefficients count as they are.
+    Coefficients below 2^-960 of the largest become zero, and their errors grow accordingly. Subnormal coefficients keep
+    their values.
     """
     mantissa, own = scaling.frexp(a)
     some = mantissa != 0
@@ -239,7 +240,7 @@ def _scaled(a: Array, error: Array, exponents: Any) -> tuple[Array, Array]:
 
 
 def _shifted(a: Array, by: Array, axis: int) -> Array:
-    """Coefficients of w -> f(w + by) in one variable."""
+    """Return the coefficients of w -> f(w + by) in one variable."""
     rows, n = [jnp.take(a, i, axis=axis) for i in range(a.shape[axis])], a.shape[axis] - 1
     powers = [jnp.ones_like(by)]
     for _ in range(n):

@@ -26,7 +26,7 @@ from jhd._runtime.arrays import check_scalar, check_whole
 from jhd._shapes.checks import optional_array
 from jhd._shapes.curve import BezierSegments
 
-# Default size of final boxes, as a share of the extent of the pair; Newton's method goes on from there.
+# Default size of final boxes, as a fraction of the extent of the pair; Newton's method continues from there.
 _FINAL = 1e-8
 
 
@@ -98,5 +98,5 @@ class AlgebraicEvents(AbstractHostMethod):
 
 
 def final_size(box_size: Array | None, frame: Frame) -> float:
-    """The size of final boxes in common coordinates, not below what parameters resolve."""
+    """Return the size of final boxes in common coordinates, not below the resolution of parameters."""
     return _FINAL if box_size is None else max(float(frame.common(np.asarray(box_size))), 1e-13)

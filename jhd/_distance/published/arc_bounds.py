@@ -20,7 +20,7 @@ _LARGEST_RADIUS = 1e6
 _ABOUT = 1e-9
 # Shorter chords are points.
 _POINT = 1e-150
-# Arcs of b that are tried for each of three places of an arc of a.
+# Arcs of b that are tried for each of three points of an arc of a.
 _TRIED = 3
 # Distances of discs to arcs that are formed together.
 _TABLE = 2**16
@@ -30,17 +30,17 @@ class Arcs(NamedTuple):
     """Arcs for distances, in common coordinates.
 
     Args:
-        start: where each starts.
-        end: where it ends.
-        apex: where the tangents of both ends meet; the arc lies in the triangle of the three.
-        center: of its circle.
-        radius: likewise; 0 for points, whose center is the point.
+        start: start of each arc.
+        end: end of each arc.
+        apex: intersection of the tangents at both ends; the arc lies in the triangle of the three points.
+        center: center of its circle.
+        radius: radius of its circle; 0 for points, whose center is the point.
         bulge: tan(sweep / 4), positive to the left; 0 for points only.
-        deviation: distance of any point of the piece of the curve from the arc, and (but for `chords`) of any point of
-            the arc from the curve, at most.
+        deviation: largest distance of any point of the curve piece from the arc, and (except for `chords`) of any point
+            of the arc from the curve.
         segment: the segment of the curve.
-        t0: where the piece starts.
-        t1: where it ends.
+        t0: parameter at the start of the piece.
+        t1: parameter at the end of the piece.
     """
 
     start: np.ndarray
@@ -61,11 +61,11 @@ class Arcs(NamedTuple):
 
     @property
     def middle(self) -> np.ndarray:
-        """Where each arc is half way."""
+        """Return the middle of each arc."""
         return 0.5 * (self.start + self.end) - 0.5j * self.bulge * (self.end - self.start)
 
     def quarters(self) -> "Arcs":
-        """First halves and second halves of first halves and second halves; the pieces are those of the whole arcs."""
+        """Return the first, third, second and fourth quarters of all arcs, in this order, with the whole pieces."""
         return self._halves()._halves()
 
     def _halves(self) -> "Arcs":
@@ -78,7 +78,7 @@ class Arcs(NamedTuple):
 
 
 def arcs_of(arcs: HostArcs) -> Arcs:
-    """Arcs with centers that keep their digits: radii of at most a million, whose change counts as deviation.
+    """Return arcs with centers that keep their digits: radii of at most a million, whose change counts as deviation.
 
     Arcs of one chord and one side lie within the larger sagitta of each other, |b| L / 2 with the bulge b and the
     chord L; a line becomes the flattest arc to its left.
@@ -98,14 +98,15 @@ def arcs_of(arcs: HostArcs) -> Arcs:
 
 
 def chords(segment: np.ndarray, t0: np.ndarray, t1: np.ndarray, points: np.ndarray) -> Arcs:
-    """Pieces of a curve by their chords; deviations are those of the pieces from the chords, and not the reverse.
+    """Return pieces of a curve as chords; deviations are distances of the pieces from the chords, not the reverse.
 
-    The distance to a chord is a convex function, so its largest value at the control points bounds that on the piece.
+    The distance to a chord is a convex function, so its largest value at the control points bounds its values on the
+    piece.
 
     Args:
         segment: the segments of the pieces.
-        t0: where each starts.
-        t1: where it ends.
+        t0: parameter at the start of each piece.
+        t1: parameter at the end of each piece.
         points: control points of the pieces, complex (points, pieces), off by gamma(9 n) in each coordinate.
     """
     start, end = points[0], points[-1]
@@ -127,7 +128,7 @@ def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _in_wedge(arcs: Arcs, offset: np.ndarray) -> np.ndarray:
-    """Whether offsets from the centers point into the wedges of the arcs, or next to them; 0 does."""
+    """Return whether offsets from the centers point into the wedges of the arcs, or next to them; true for 0."""
     first, last = arcs.start - arcs.center, arcs.end - arcs.center
     least = -_ABOUT * arcs.radius * np.abs(offset)
     return (arcs.turn * _cross(first, offset) >= least) & (arcs.turn * _cross(offset, last) >= least)
@@ -148,19 +149,19 @@ def _smallest(arcs: Arcs, point: np.ndarray) -> np.ndarray:
 
 
 def arc_reach(d: Arcs, c: Arcs) -> np.ndarray:
-    """Bounds of the largest distance of the curve piece of each arc d to the curve piece of the arc c beside it.
+    """Bound the largest distance of the curve piece of each arc d to the curve piece of the arc c in the same column.
 
-    Let x be a point of the arc d. Its distance to c is | |x - o| - r | where x lies in the wedge of c, and at most the
-    distance to either end of c anyway. The wedge is convex, for arcs turn by less than half a circle, so d lies in it
-    with its control triangle; then the largest | |x - o| - r | is taken at the smallest or at the largest |x - o|. The
+    Let x be a point of the arc d. Its distance to c is | |x - o| - r | if x lies in the wedge of c, and always at most
+    the distance to either end of c. The wedge is convex, for arcs turn by less than half a circle, so d lies in it with
+    its control triangle; then the largest | |x - o| - r | is taken at the smallest or at the largest |x - o|. The
     distance along a circle is extreme on the line of the centers; on an arc, there or at its ends. Elsewhere the
     largest |x - p| for an end p of c is the same formula with another center. A point of the piece of d is within its
     deviation of the arc, and a point of the arc c within its deviation of b. So the distance to b of the whole piece is
-    at most the sum. (Any pair of arcs gives a bound; which, needs no proof.)
+    at most the sum. (Any pair of arcs gives a bound, so the choice needs no proof.)
 
     Rounding: ends, centers and distances are right up to gamma(64) (1 + r_c + r_d), for coordinates of at most one. A
-    point that only rounding puts into the wedge is as near to it, and the arc as near to the radial foot. What lies
-    next to the wedge of d only enlarges the range. The slack of gamma(200) (1 + r_c + r_d) covers the sum.
+    point that only rounding puts into the wedge is as near to it, and the arc as near to the radial foot. Points next
+    to the wedge of d only enlarge the range. The slack of gamma(200) (1 + r_c + r_d) covers the sum.
     """
     bound = np.minimum(_largest(d, c.start), _largest(d, c.end))
     first, last = c.start - c.center, c.end - c.center
@@ -176,7 +177,7 @@ def arc_reach(d: Arcs, c: Arcs) -> np.ndarray:
 
 
 class ArcTarget:
-    """The arcs of b, where the ones next to a place are looked up by their ends and middles.
+    """The arcs of b, with a search tree of their ends and middles.
 
     Args:
         arcs: at least one.
@@ -189,20 +190,20 @@ class ArcTarget:
         self._tree: Any = KDTree(_plane(np.concatenate([arcs.start, arcs.middle, arcs.end])))
 
     def near(self, x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The distances of places to the nearest of all ends and middles, and the arcs of these, (places, count).
+        """Return the distances of points to the nearest of all ends and middles, and their arcs, (places, count).
 
-        A place is no farther from the arc than this; the arcs need not differ.
+        A point is no farther from the arc than this; the arcs need not differ.
         """
         distance, index = self._tree.query(_plane(x), k=np.arange(1, count + 1))
         return distance, index % len(self.arcs.t0)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Distances of places to arcs, for ranking."""
+        """Return distances of points to arcs, for ranking."""
         beside = self.near(x, _TRIED)[1]
         return _smallest_of(self.arcs.take(beside.T), x).min(axis=0)
 
     def reach(self, d: Arcs) -> np.ndarray:
-        """Bounds of the distance to b for the piece of each arc of a, by some arcs next to its ends and its middle."""
+        """Bound the distance to b for the piece of each arc of a, by some arcs near its ends and its middle."""
         number = len(d.t0)
         if not number:
             return np.zeros(0)
@@ -212,15 +213,15 @@ class ArcTarget:
         return bounds.reshape(beside.shape).min(axis=0)
 
     def reach_by_quarters(self, d: Arcs) -> np.ndarray:
-        """Likewise, the largest of the bounds of the quarters.
+        """Bound the distance as `reach` does, by the largest of the bounds of the quarters.
 
-        A long arc lies beside several arcs of b, a quarter of it beside one. Every point of the piece is within the
+        A long arc lies next to several arcs of b, but each quarter next to one. Every point of the piece is within the
         deviation of a point of one of the quarters.
         """
         return self.reach(d.quarters()).reshape(4, len(d.t0)).max(axis=0)
 
     def coarse_reach(self, d: Arcs) -> np.ndarray:
-        """Likewise, by the nearest of the ends and middles of the arcs of b to the middle of each arc.
+        """Bound the distance as `reach` does, by the nearest of b's arc ends and middles to the middle of each arc.
 
         No point of an arc is farther from its middle than its ends are, as arcs turn by less than half a circle.
         """
@@ -231,7 +232,7 @@ class ArcTarget:
         return distance + np.abs(d.start - middle) + slack + c_deviation + d.deviation
 
     def within(self, center: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Discs, and for each in order the arcs whose pieces of b may meet it: none is missed, rounding included."""
+        """Return disc indices in order, and arcs whose pieces of b may meet them: none is missed, rounding included."""
         discs, arcs = [], []
         step = max(1, _TABLE // len(self.arcs.t0))
         slack = gamma(200, np.float64) * (2 + self.arcs.radius) + self.arcs.deviation
@@ -249,9 +250,9 @@ def _plane(x: np.ndarray) -> np.ndarray:
 
 
 def _smallest_of(arcs: Arcs, x: np.ndarray) -> np.ndarray:
-    """Distances of places to the arcs themselves, up to gamma(200) (1 + radius).
+    """Return distances of points to the arcs themselves, up to gamma(200) (1 + radius).
 
-    A place that only rounding or `_ABOUT` puts into the wedge is given less than its distance.
+    A point that only rounding or `_ABOUT` puts into the wedge gets less than its distance.
     """
     offset = x - arcs.center
     ends = np.minimum(np.abs(x - arcs.start), np.abs(x - arcs.end))

@@ -44,7 +44,8 @@ from jhd.progress import Callback
 
 # Cells of a that are compared at once with a tile of cells of b: 2 MB of numbers.
 _CHUNK, _TILE = 1024, 256
-# Largest grid whose cells are all held in one array, 64 MB; and cells of a whose lines are looked at together.
+# Largest grid whose cells are all held in one array, 64 MB; and number of cells of a whose lines are processed
+# together.
 _LARGEST_GRID, _PLACES = 256, 4096
 
 
@@ -179,7 +180,7 @@ class CubeIntervals(AbstractHausdorffMethod):
         by_axes = self.pairs == "separable" and scale.exact
         vertices = self.ends == "vertices"
         least, most = _by_axes(p, q, proven, self.cells) if by_axes else _by_tiles(p, q, proven, vertices)
-        # Where nothing is proven the lower end is 0, the upper one infinite.
+        # If nothing is proven, the lower end is 0 and the upper one infinite.
         lower_sq = np.max(least[p.proven] if safe else least, initial=0.0)
         upper_sq = np.max(most)
         lower, upper = scale.lengths(float(lower_sq), float(upper_sq), outward=safe)
@@ -205,13 +206,13 @@ class CubeIntervals(AbstractHausdorffMethod):
 
 
 def larger_interval(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-    """The larger of both directions; its value is the midpoint of its own interval."""
+    """Return the larger of both directions; its value is the midpoint of its own interval."""
     found = larger(there, back)
     return replace(found, value=_value(found.lower, found.upper, found.result))
 
 
 class _GridCells(NamedTuple):
-    """Cells of one surface: their corners (3, cells) in common coordinates, and where they are in its grid."""
+    """Cells of one surface: their corners (3, cells) in common coordinates, and their indices in its grid."""
 
     lower: np.ndarray
     upper: np.ndarray
@@ -224,22 +225,22 @@ class _GridCells(NamedTuple):
         return self.lower.shape[1]
 
     def center(self, index: int) -> np.ndarray:
-        """The middle of a cell in the user's coordinates."""
+        """Return the middle of a cell in the user's coordinates."""
         return np.asarray(self.grid.lower) + np.asarray(self.grid.spacing) * (self.places[index] + 0.5)
 
     def at_border(self, index: int, cells: int) -> bool:
-        """Whether a cell touches the border of its box."""
+        """Return whether a cell touches the border of its box."""
         return bool(np.any((self.places[index] == 0) | (self.places[index] == cells - 1)))
 
 
 class _Scale(NamedTuple):
-    """The common coordinates: lengths in them times the unit are the user's; exact where they are whole numbers."""
+    """Unit of the common coordinates in the user's, and whether squared lengths are exact: whole numbers."""
 
     unit: Fraction
     exact: bool
 
     def lengths(self, lower_sq: float, upper_sq: float, outward: bool) -> tuple[Array, Array]:
-        """Lengths of two squared lengths, rounded outward or to the nearest; inf for an infinite one."""
+        """Return lengths from squared lengths, rounded outward or to the nearest; inf for an infinite one."""
         dtype = np.dtype(jnp.result_type(float))
         # Five roundings, see squared_distances, and underflow of three squares.
         slack = Fraction(0) if self.exact or not outward else Fraction(rounding.gamma(8, dtype))
@@ -265,7 +266,7 @@ def _same_cube(a: ImplicitSurface, b: ImplicitSurface) -> bool:
 def _on_one_grid(
     surfaces: tuple[ImplicitSurface, ImplicitSurface], voxels: list[Voxels], cells: int
 ) -> tuple[_GridCells, _GridCells, _Scale]:
-    """Corners in units of a cell: whole numbers."""
+    """Return corners in units of a cell: whole numbers."""
     lower, upper = (Fraction(float(end[0])) for end in surfaces[0].bounds)
     corners = [np.asarray(v.cells).T.astype(np.float32) for v in voxels]
     p, q = (_cells_of(v, corner, corner + 1) for v, corner in zip(voxels, corners, strict=True))
@@ -275,7 +276,7 @@ def _on_one_grid(
 def _on_two_grids(
     surfaces: tuple[ImplicitSurface, ImplicitSurface], voxels: list[Voxels], cells: int
 ) -> tuple[_GridCells, _GridCells, _Scale]:
-    """Corners from the lower corner of the first box, in units of a power of two that is about as large as both."""
+    """Return corners from the lower corner of the first box, in units of a power of two about as large as both."""
     boxes = [[[Fraction(float(x)) for x in np.asarray(end)] for end in surface.bounds] for surface in surfaces]
     origin = boxes[0][0]
     size = max(abs(x - o) for box in boxes for end in box for x, o in zip(end, origin, strict=True))
@@ -298,7 +299,7 @@ def _cells_of(voxels: Voxels, lower: np.ndarray, upper: np.ndarray) -> _GridCell
 
 
 def _by_axes(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each cell of p the smallest ends over the cells of q: the upper ones over the proven cells of q only."""
+    """Return for each cell of p the smallest ends over the cells of q, the upper ones over proven cells only."""
     steps = np.arange(cells, dtype=np.float32)
     tables = np.maximum(steps - 1, 0) ** 2, (steps + 1) ** 2
     ends = []
@@ -315,7 +316,7 @@ def _by_axes(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> tu
 
 @optimized
 def _two_axes(taken: Array, table: Array) -> Array:
-    """For every cell the minimum of table(step in x) + table(step in y) over the taken cells of its plane in z.
+    """Return for every cell the minimum of table(step in x) + table(step in y) over the taken cells of its plane in z.
 
     Along x the nearest one is the best. Along y everything is tried, a plane at a time, which stays in the cache.
     """
@@ -338,15 +339,15 @@ def _two_axes(taken: Array, table: Array) -> Array:
 
 @optimized
 def _third_axis(grid: Array, table: Array, places: Array) -> Array:
-    """The minimum of grid + table(step in z) for the cells at the places, an array (3, cells)."""
+    """Return the minimum of grid + table(step in z) for the cells with the indices `places` (3, cells)."""
     x, y, z = places
     steps = jnp.abs(z[:, None] - jnp.arange(grid.shape[0]))
     return jnp.min(grid[x, y] + table[steps], axis=-1)
 
 
 def _by_tiles(p: _GridCells, q: _GridCells, proven: np.ndarray, vertices: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The same from all pairs of cells, a chunk of p against one tile of q after the other."""
-    # Repeated cells change no minimum; lengths in powers of four keep the number of programs small.
+    """Return the ends as `_by_axes` does, from all pairs of cells, a chunk of p against one tile of q at a time."""
+    # Repeated cells change no minimum; lengths in powers of four keep the number of compiled functions small.
     length = max(_TILE, 4 ** -(-(q.count - 1).bit_length() // 2))
     b = [jnp.asarray(np.pad(x, [(0, 0), (0, length - q.count)], mode="edge")) for x in (q.lower, q.upper)]
     penalty = np.where(proven, 0.0, np.inf).astype(q.lower.dtype)
@@ -365,6 +366,7 @@ def _by_tiles(p: _GridCells, q: _GridCells, proven: np.ndarray, vertices: bool) 
 def _tiled(
     vertices: bool, a_lower: Array, a_upper: Array, b_lower: Array, b_upper: Array, penalty: Array, tiles: Array
 ) -> tuple[Array, Array]:
+    """Return the smallest ends for a chunk of cells of a over all cells of b, one tile of b at a time."""
     # The cells of b in front: a minimum over the leading axis runs in vectors, over the last one it does not.
     a = a_lower[:, None], a_upper[:, None]
     distances = squared_vertex_distances if vertices else squared_distances
@@ -381,7 +383,7 @@ def _tiled(
 
 
 def _witness(p: _GridCells, q: _GridCells, place: int, proven: np.ndarray, cells: int, direction: Any) -> Witness:
-    """The center of a cell of p and that of the nearest cell of q, a proven one where there are any."""
+    """Return the center of a cell of p and the center of the nearest cell of q, a proven one if there is any."""
     # As in squared_distances; in NumPy, since the number of cells is another one each time.
     before, after = p.lower[:, place, None] - q.upper, q.lower - p.upper[:, place, None]
     most = np.sum(np.minimum(before, after) ** 2, axis=0)

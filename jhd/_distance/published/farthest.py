@@ -20,14 +20,14 @@ from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd._runtime.compiled import compiled
 from jhd._shapes.curve import BezierSegments
 
-# Points measured in one call of the compiled program.
+# Points measured in one call of the compiled function.
 _MEASURED = 8
-# Rounds of samples around a place that no equation fixes, each twice closer.
+# Rounds of samples around a point that no equation fixes, each twice closer.
 _ROUNDS = 8
 
 
 class Measured(NamedTuple):
-    """The place of a that is proven to be farthest among those measured, in segments of the solver."""
+    """The point of a that is proven to be farthest among those measured, in segments of the solver."""
 
     distance: float
     lower: float
@@ -42,7 +42,7 @@ def _nearest_all(points: Array, b: BezierSegments, skip: Array) -> tuple[Array, 
 
 
 def measure(pair: HostPair, segment: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances from places of a to b, and proven lower bounds of them, without the error of the points themselves."""
+    """Return distances of points of a to b, and proven lower bounds, without the error of the points themselves."""
     points, b = polynomial_jet(pair.a.points[..., segment], t)[0].T, pair.stored[1]
     values = []
     for start in range(0, len(points), _MEASURED):
@@ -53,7 +53,7 @@ def measure(pair: HostPair, segment: np.ndarray, t: np.ndarray) -> tuple[np.ndar
 
 
 def farthest(pair: HostPair, candidates: Candidates, best: Measured | None) -> Measured | None:
-    """The farthest candidate, or the best one known; candidates in the order of their bounds, while these are above."""
+    """Return the farthest of the candidates and the best known point; those bounded by the best are skipped."""
     order = np.argsort(-candidates.bound, kind="stable")
     for start in range(0, len(order), _MEASURED):
         rows = order[start : start + _MEASURED]
@@ -68,7 +68,7 @@ def farthest(pair: HostPair, candidates: Candidates, best: Measured | None) -> M
 
 
 def measured(pair: HostPair, segment: np.ndarray, t: np.ndarray, best: Measured | None) -> Measured:
-    """The farthest of these places of a and the best one known."""
+    """Return the farthest of these points of a and the best known one."""
     distance, lower = measure(pair, segment, t)
     k = int(np.argmax(distance))
     if best is not None and best.distance >= distance[k]:
@@ -77,7 +77,7 @@ def measured(pair: HostPair, segment: np.ndarray, t: np.ndarray, best: Measured 
 
 
 def zoomed(pair: HostPair, best: Measured, width: float) -> Measured:
-    """The best place after rounds of samples around it, each round in a closer interval."""
+    """Return the best point after rounds of samples around it, each round in a smaller interval."""
     for _ in range(_ROUNDS):
         around = np.clip(best.t + width * np.linspace(-1, 1, _MEASURED), 0.0, 1.0)
         best = measured(pair, np.full(_MEASURED, best.segment), around, best)
@@ -86,7 +86,7 @@ def zoomed(pair: HostPair, best: Measured, width: float) -> Measured:
 
 
 def _may_exceed(pair: HostPair, boxes: Unresolved, limit: float) -> bool:
-    """Whether the distance may be above the limit in one of the boxes; within them it grows by their length at most."""
+    """Return whether the distance may exceed the limit in a box; within it the distance grows by at most its length."""
     rows = np.flatnonzero(boxes.upper > limit)
     if not len(rows):
         return False
@@ -99,7 +99,7 @@ def _may_exceed(pair: HostPair, boxes: Unresolved, limit: float) -> bool:
 
 @compiled
 def _described(a: BezierSegments, b: BezierSegments, segment: Array, t: Array, skip: Array) -> tuple[Any, ...]:
-    """The witness at a place of a, its distance and the proven lower bound."""
+    """Return the witness at a point of a, its distance and the proven lower bound."""
     point = jet(*piece_of(a, segment), t).point
     found = nearest(point, b.control_points, None, 0.0, skip)
     described = describe(a, b, CurvePlace(segment, t), CurvePlace(found.segment, found.t))
@@ -124,18 +124,18 @@ def best_of(
     upper: float = np.inf,
     **counts: float,
 ) -> HausdorffSolution:
-    """The solution that the candidates give, and what is known to be missing of it.
+    """Return the solution that the candidates give, with a report of known gaps.
 
     Args:
         pair: both curves.
-        candidates: where the maximum may be.
-        best: the farthest place measured before, where there are any. It is no event, so one of the candidates must be
-            as far, or the solver has missed it.
-        stats: of the search for the candidates.
-        search: its options.
-        frame: leads back to the user's coordinates.
-        level: distances up to it do not matter, so no candidate need reach them.
-        upper: proven bound of the distance, if there is one.
+        candidates: points that may be the maximum.
+        best: the farthest point measured before, if any. It is no event, so one of the candidates must be as far, or
+            the solver has missed it.
+        stats: statistics of the search for the candidates.
+        search: options of this search.
+        frame: the map back to the user's coordinates.
+        level: distances up to it do not matter, so the candidates need not reach them.
+        upper: proven bound of the distance, if known.
         counts: more entries of `stats`.
     """
     described, unresolved = None, stats.unresolved

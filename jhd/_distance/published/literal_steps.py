@@ -1,7 +1,7 @@
 """The two steps of Cao et al. 2014 as they are printed, for comparison; each shape is taken as one curve.
 
- 1. Samples lie at equal steps of the parameter of a, and the distance of each is that to the nearest stationary point
-    of b, all of which the projected polyhedron finds, or to an end of a segment of b.
+ 1. Samples lie at equal steps of the parameter of a. The distance of each is its distance to the nearest stationary
+    point of b, all of which the projected polyhedron finds, or to an end of a segment of b.
  2. The farthest samples that are "small-large-small" are refined. Let P1 and P2 be the samples before and after one,
     Q1 and Q2 their feet. If |Q1 Q2| is small, the maximum is taken for antipodal and bisection solves (14), else it is
     taken for one-to-two and bisection solves (15).
@@ -39,13 +39,13 @@ _CHUNK = 32
 
 
 class PublishedCandidates(NamedTuple):
-    """Where the published rules place the maximum, with the distances that they give; invalid ones have -inf.
+    """Candidates for the maximum by the published rules, with the distances that they give; -inf for invalid ones.
 
     Args:
-        place: on a.
+        place: points on a.
         distance: to the foot, in the common coordinates.
-        samples: how many there were.
-        peaks: how many of them were "small-large-small".
+        samples: number of samples.
+        peaks: number of samples that were "small-large-small".
     """
 
     place: CurvePlace
@@ -64,7 +64,7 @@ class _NearestTwo(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """A curve as one parametrized curve: its segments that repeat no other, how many, and whether it closes."""
+    """A curve with one parameter: its segments without repetitions, their number, and whether it closes."""
 
     curve: BezierSegments
     skip: Array
@@ -78,20 +78,20 @@ class _Run(NamedTuple):
         return cls(curve, skip, order, count, curve.next_segment[order[count - 1]] == order[0])
 
     def place(self, g: Array) -> CurvePlace:
-        """The segment and its parameter at the parameter g of the whole."""
+        """Return the segment and its parameter at the parameter g of the whole curve."""
         g = jnp.where(self.closed, jnp.mod(g, self.count), g)
         index = jnp.clip(jnp.floor(g).astype(int), 0, self.count - 1)
         return CurvePlace(self.order[index], jnp.clip(g - index, 0.0, 1.0))
 
     def ends(self) -> tuple[Array, Array]:
-        """Parameters of both ends, and whether they are ends."""
+        """Return the parameters of both ends, and whether they are ends."""
         return jnp.stack([jnp.zeros_like(self.count), self.count]).astype(float), jnp.broadcast_to(~self.closed, (2,))
 
     def point(self, at: CurvePlace) -> Array:
         return jet(*piece_of(self.curve, at.segment), at.t).point
 
     def feet(self, point: Array) -> _NearestTwo:
-        """The nearest two of all stationary points of the distance from a point, and of all ends of segments."""
+        """Return the nearest two of all stationary points of the distance from a point, and of all ends of segments."""
         index = jnp.arange(self.curve.count)
         roots = jax.vmap(lambda k: roots_on(point, self.curve, k, _CAPACITY))(index)
         ends = jnp.broadcast_to(jnp.array([0.0, 1.0]), (len(index), 2))
@@ -106,11 +106,11 @@ class _Run(NamedTuple):
 
 
 def published_candidates(pair: RefinedPair, samples: int) -> PublishedCandidates:
-    """The refined samples, then the ends of a, then the feet of the ends of b.
+    """Return the refined samples, then the ends of a, then the feet of the ends of b.
 
     Args:
         pair: both curves.
-        samples: steps of the parameter of the whole of a.
+        samples: number of steps of the parameter of the whole curve a.
     """
     a, b = _Run.of(pair.a, pair.skip_a), _Run.of(pair.b, pair.skip_b)
     g = jnp.arange(samples + 1) * (a.count / samples)
@@ -135,7 +135,7 @@ def published_candidates(pair: RefinedPair, samples: int) -> PublishedCandidates
 
 
 def _peaks(d: Array, closed: Array) -> Array:
-    """Samples not below either neighbor; the last one repeats the first of a closed curve."""
+    """Return samples not below either neighbor; on a closed curve the last one repeats the first."""
     j, last = jnp.arange(d.shape[0]), d.shape[0] - 1
     before = d[jnp.where(j == 0, last - 1, j - 1)]
     inner = (j > 0) | closed
@@ -143,7 +143,7 @@ def _peaks(d: Array, closed: Array) -> Array:
 
 
 def _bisected(a: _Run, b: _Run, low: Array, middle: Array, high: Array, apart: Array) -> Array:
-    """The root of (14), or of (15) where feet are apart; the sample in the middle if the ends have one sign."""
+    """Return the root of (14), or of (15) if feet are apart; the middle sample if the ends have one sign."""
 
     def f(g: Array) -> Array:
         at = a.place(g)

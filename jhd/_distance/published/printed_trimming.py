@@ -10,8 +10,8 @@ None of this is safe. Test (8) passes arcs that reach beyond LB (`within_offset_
 of the maximum; the largest event that is left is then too small, and often below LB.
 
 In (5) the offset reads LB / cos(theta), with theta of figure 15 taken for half the sweep. That region is larger than
-the one in which the control polygon is to be proven, and trims the very arc of the maximum. So cos(theta) is taken for
-a factor, which is what the text argues for; the test is unsafe in both readings.
+the one in which the control polygon is to be proven, and trims the very arc of the maximum. So cos(theta) is used as a
+factor, as the text argues; the test is unsafe in both readings.
 
 Source: Kim et al. 2010, sections 3 and 4.2.
 """
@@ -31,13 +31,13 @@ from jhd._shapes.biarc import BiarcCurve
 
 
 class PrintedTrimming(NamedTuple):
-    """What is left of both curves.
+    """The parts of both curves that remain.
 
     Args:
         pieces: parts of a.
-        feet: parts of b, for each piece all of them, and all ends of b.
+        feet: parts of b, for each piece all remaining ones, and all ends of b.
         lower: the lower bound LB, in common coordinates.
-        kept_of_b: the total length of the parameter intervals left of b.
+        kept_of_b: the total length of the parameter intervals of b that remain.
     """
 
     pieces: EventPieces
@@ -47,7 +47,7 @@ class PrintedTrimming(NamedTuple):
 
 
 def printed_trimming(pair: HostPair, d: Arcs, c: Arcs, level: float, pixels: int) -> PrintedTrimming:
-    """The pieces of a and of b that the printed tests leave.
+    """Return the pieces of a and of b that the printed tests leave.
 
     Args:
         pair: both curves.
@@ -71,11 +71,11 @@ def printed_trimming(pair: HostPair, d: Arcs, c: Arcs, level: float, pixels: int
 
 
 def within_offset_unsafe(d: Arcs, c: Arcs, limit: float, eps1: float) -> np.ndarray:
-    """Whether the control points of arcs d pass (8), (9) or (10) for the arcs c: unsafe, the arcs can reach farther.
+    """Return whether the control points of arcs d pass (8), (9) or (10) for the arcs c: unsafe, arcs can reach farther.
 
-    (8) takes control points in the wedge of c and bounds their distances to its circle by limit cos(theta) - eps1.
-    It overlooks that a flat arc d can run beside its control points: with r_c = 100, r_d = 200, a half chord of 10 and
-    a limit of 1.2, the control points are within 1.195 and the arc reaches 1.445.
+    (8) takes control points in the wedge of c and bounds their distances to its circle by limit cos(theta) - eps1. It
+    overlooks that a flat arc d can run next to its control points: with r_c = 100, r_d = 200, a half chord of 10 and a
+    limit of 1.2, the control points are within 1.195 and the arc reaches 1.445.
     """
     points = np.stack([d.start, d.apex, d.end])
     offset = points - c.center
@@ -97,14 +97,14 @@ def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _moving(arcs: Arcs, side: HostSide) -> Arcs:
-    """The arcs of segments that are no points, with the numbers that these have in the solver."""
+    """Return the arcs of segments that are no points, with the solver's numbers of their segments."""
     number = side.moving
     arcs = arcs.take(np.flatnonzero(number[arcs.segment] >= 0))
     return arcs._replace(segment=number[arcs.segment])
 
 
 def _mapped(arcs: Arcs, pair: HostPair, pixels: int) -> DistanceMap:
-    """The distance map of arcs on square pixels that cover both curves."""
+    """Return the distance map of arcs on square pixels that cover both curves."""
     points = np.concatenate([np.moveaxis(x.points, 1, -1).reshape(-1, 2) for x in (pair.a, pair.b)])
     low, high = points.min(axis=0), points.max(axis=0)
     step = max(float(np.max(high - low)) / pixels, np.finfo(float).tiny * pixels)
@@ -116,7 +116,7 @@ def _mapped(arcs: Arcs, pair: HostPair, pixels: int) -> DistanceMap:
 
 
 def _pixels(field: DistanceMap, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The pixels that places are in, or next to."""
+    """Return the pixels that contain points, or the nearest pixels."""
     low, step = np.asarray(field.lower), np.asarray(field.spacing)
     return tuple(
         np.clip(np.floor((z - low[k]) / step[k]).astype(int), 0, field.distance.shape[k] - 1)
@@ -125,7 +125,7 @@ def _pixels(field: DistanceMap, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarra
 
 
 def _largest_reading(a: Curve, field: DistanceMap) -> float:
-    """The largest value of the map at the pixels of samples along a curve, about one a pixel."""
+    """Return the largest value of the map at the pixels of samples along a curve, about one a pixel."""
     lengths = np.hypot(*np.moveaxis(np.diff(a.points, axis=0), 1, 0)).sum(axis=0)
     counts = 1 + np.ceil(lengths / float(field.spacing[0])).astype(int)
     counts[a.moving :] = 1
@@ -136,7 +136,7 @@ def _largest_reading(a: Curve, field: DistanceMap) -> float:
 
 
 def _left(arcs: Arcs, others: Arcs, field: DistanceMap, limit: float, eps1: float) -> EventPieces:
-    """The pieces of arcs that are not trimmed, neighbors as one; the map is that of the other arcs."""
+    """Return the pieces of arcs that are not trimmed, with neighbors merged; `field` is the map of the other arcs."""
     points = np.stack([arcs.start, arcs.apex, arcs.end])
     pixels = _pixels(field, np.real(points), np.imag(points))
     distance, nearest = np.asarray(field.distance)[pixels], np.asarray(field.nearest)[pixels]

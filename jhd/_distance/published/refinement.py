@@ -24,11 +24,11 @@ from jhd._distance.witness.events import event_residual
 from jhd._runtime.arrays import varying
 from jhd._shapes.curve import BezierSegments
 
-# Newton steps that follow a foot over an interval, and those of a polish.
+# Newton steps that follow a foot over an interval, and Newton steps of a polish.
 _FOLLOW, _POLISH = 6, 16
-# Share of an interval at which bisection hands over to Newton's method, and where it ends if Newton fails.
+# Fraction of an interval at which bisection hands over to Newton's method, and at which it ends if Newton fails.
 COARSE, _FINE = 2.0**-8, 2.0**-44
-# Differences of squared distances below this are none: rounding leaves about 1e-15 in the common coordinates.
+# Differences of squared distances below this count as zero: rounding leaves about 1e-15 in the common coordinates.
 _EQUAL = 1e-14
 # Residual of the equations, in the common coordinates, that a polished event leaves.
 _RESIDUAL = 1e-13
@@ -36,7 +36,7 @@ _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
 
 class RefinedPair(NamedTuple):
-    """Both curves, which segment of b precedes which, and the segments that only repeat others."""
+    """Both curves, the preceding segment of each segment of b, and the segments that only repeat others."""
 
     a: BezierSegments
     b: BezierSegments
@@ -46,7 +46,7 @@ class RefinedPair(NamedTuple):
 
 
 class Bracket(NamedTuple):
-    """An interval of a segment of a with the feet of both ends, and the largest distance that it may hold."""
+    """An interval of a segment of a, the feet of both ends, and the largest distance that is possible in it."""
 
     key: Array
     segment: Array
@@ -59,11 +59,12 @@ class Bracket(NamedTuple):
 
 
 def candidates(pair: RefinedPair, lanes: Bracket) -> tuple[Array, Array]:
-    """Refined parameters of the three candidates of each interval, and the distances of the feet that were followed.
+    """Return the refined parameters of the three candidates of each interval, and the distances of the followed feet.
 
-    The candidates are the crossing of the two branches, and an antipodal event of each branch on its side of it.
+    The candidates are the crossing of the two branches, and an antipodal event of each branch on its side of the
+    crossing.
     """
-    # A second, finer pass only where Newton's method failed for some candidate; a loop, so that it is compiled once.
+    # A second, finer pass only if Newton's method failed for some candidate; a loop, so that it is compiled once.
 
     def refine(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         turn, t, ok = state
@@ -92,14 +93,14 @@ def _point(pair: RefinedPair, bracket: Bracket, t: Array) -> Array:
 
 @jax.jit
 def _branch(pair: RefinedPair, bracket: Bracket, t: Array, from_right: Array) -> FootState:
-    """The foot at t on the branch of the left or of the right end."""
+    """Return the foot at t on the branch of the left or of the right end."""
     k, s = jnp.where(from_right, bracket.k1, bracket.k0), jnp.where(from_right, bracket.s1, bracket.s0)
     return follow_foot(_point(pair, bracket, t), pair.b, pair.before, k, s, _FOLLOW)
 
 
 @jax.jit
 def _lead(t: Array, args: tuple[RefinedPair, Bracket, Array]) -> Array:
-    """How much farther (squared) the right end's branch is than the left end's, less a shift: falls at the crossing."""
+    """Squared distance to the right end's branch minus the left end's, less a shift: falls at the crossing."""
     pair, bracket, shift = args
     feet = jax.vmap(lambda right: _branch(pair, bracket, t, right))(jnp.array([False, True])).point
     return (2 * _point(pair, bracket, t) - feet[0] - feet[1]) @ (feet[0] - feet[1]) - shift
@@ -107,14 +108,14 @@ def _lead(t: Array, args: tuple[RefinedPair, Bracket, Array]) -> Array:
 
 @jax.jit
 def _rise(t: Array, args: tuple[RefinedPair, Bracket, Array]) -> Array:
-    """(A - B).A' on one branch: the sign of the slope of its distance."""
+    """Return (A - B).A' on one branch: the sign of the slope of its distance."""
     pair, bracket, from_right = args
     here = jet(*piece_of(pair.a, bracket.segment), t)
     return (here.point - _branch(pair, bracket, t, from_right).point) @ here.first
 
 
 def _refined(pair: RefinedPair, lanes: Bracket, width: Array) -> _Refined:
-    """Bisection of all intervals to a share `width` of each."""
+    """Bisect all intervals to a fraction `width` of each."""
 
     def crossing(bracket: Bracket) -> tuple[Array, Array]:
         both_ends, zero = jnp.stack([bracket.t0, bracket.t1]), jnp.zeros_like(bracket.t0)
@@ -152,7 +153,7 @@ def _refined(pair: RefinedPair, lanes: Bracket, width: Array) -> _Refined:
 def _bisected(
     residual: Callable, low: Array, high: Array, at_low: Array, at_high: Array, args: tuple, width: Array
 ) -> Array:
-    """The place where a residual falls from positive to negative, to a share `width` of the interval.
+    """Return the parameter at which a residual falls from positive to negative, to a fraction `width` of the interval.
 
     The solver wants the interval and the residual below one tolerance, so both are scaled to order one.
     """
@@ -175,7 +176,7 @@ def _scaled(residual: Callable, share: Array, args: tuple) -> Array:
 
 
 def _polished(pair: RefinedPair, bracket: Bracket, refined: _Refined) -> tuple[Array, Array]:
-    """Newton's method from the bisected candidates; returns parameters and whether each can be trusted."""
+    """Run Newton's method from the bisected candidates; return parameters and whether each can be trusted."""
     piece = piece_of(pair.a, bracket.segment)
 
     def branch(foot: FootState) -> Branch:
@@ -206,7 +207,7 @@ def _chosen(turned: Array, x: FootState, y: FootState) -> FootState:
 
 
 def _followed(pair: RefinedPair, bracket: Bracket, t: Array) -> Array:
-    """Distance to the nearer of the two branches at each parameter."""
+    """Return the distance to the nearer of the two branches at each parameter."""
 
     def one(t: Array) -> Array:
         feet = jax.vmap(lambda right: _branch(pair, bracket, t, right))(jnp.array([False, True])).point
@@ -216,5 +217,5 @@ def _followed(pair: RefinedPair, bracket: Bracket, t: Array) -> Array:
 
 
 def lengths(vectors: Array) -> Array:
-    """Euclidean lengths along the last axis."""
+    """Return Euclidean lengths along the last axis."""
     return jnp.sqrt(jnp.sum(vectors * vectors, axis=-1))

@@ -38,15 +38,15 @@ from jhd._shapes.curve import BezierSegments
 from jhd._shapes.deviation import HostCurve, complex_points
 from jhd._shapes.unchecked import trusted
 
-# Places measured at a time.
+# Points measured at a time.
 _SAMPLES = 16
-# The default deviation of biarcs: this share of the first lower bound, between shares of the unit of coordinates.
+# The default deviation of biarcs: this fraction of the first lower bound, between fractions of the unit of coordinates.
 _SHARE, _FINEST, _COARSEST = 1 / 64, 1e-5, 1e-2
-# Arcs of a that are looked at for the best place, places on each, rounds of closer places around the best, and places
-# of each round that are measured: eight at most, as the compiled program takes them.
+# Arcs of a that are examined for the best point, points on each, rounds of closer points around the best, and points of
+# each round that are measured: eight at most, as the compiled function takes them.
 _BEST, _PLACES, _ROUNDS, _KEPT = 8, 9, 3, 2
-# Chords that what is left of an arc is cut into; again where they are this many times longer than the deviation, and so
-# trimmed for their length more than for what is known of b.
+# Chords into which the rest of an arc is cut; it is cut again if they are longer than this many deviations, so that
+# their length decides more than the known distance to b.
 _CHORDS, _LONG = 16, 8
 _NOTHING = (
     EventPieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0))),
@@ -146,7 +146,7 @@ class BiarcTrimming(AbstractHostMethod):
     def _as_printed(
         self, pair: HostPair, arcs: tuple[Arcs, Arcs], search: Search, frame: Frame, level: float
     ) -> HausdorffSolution:
-        """One direction as in the source."""
+        """Return one direction as in the source."""
         left = printed_trimming(pair, *arcs, level, self.pixels)
         candidates, stats = candidate_events(pair, left.pieces, search, left.feet)
         counts = _counts(pair, arcs, left.pieces)
@@ -158,7 +158,7 @@ class BiarcTrimming(AbstractHostMethod):
 
 
 def _counts(pair: HostPair, arcs: tuple[Arcs, Arcs], pieces: EventPieces) -> dict[str, float]:
-    """What trimming did, for `stats`."""
+    """Return counts of the trimming for `stats`."""
     kept = float(np.sum(pieces.side[1] - pieces.side[0]))
     return {
         "arcs": len(arcs[0].t0) + len(arcs[1].t0),
@@ -168,7 +168,7 @@ def _counts(pair: HostPair, arcs: tuple[Arcs, Arcs], pieces: EventPieces) -> dic
 
 
 def arc_deviation(pair: HostPair, wanted: float | None, frame: Frame) -> float:
-    """The deviation required of the arcs, in common coordinates.
+    """Return the deviation required of the arcs, in common coordinates.
 
     Args:
         pair: both curves.
@@ -182,7 +182,7 @@ def arc_deviation(pair: HostPair, wanted: float | None, frame: Frame) -> float:
 
 
 class _Replaced(NamedTuple):
-    """A pair and the arcs of both curves, known by the curves that they were made of."""
+    """A pair and the arcs of both curves, identified by the curves that they were made from."""
 
     of: tuple[ref, ref]
     deviation: float | None
@@ -197,7 +197,7 @@ _last: list[_Replaced] = []
 def _replaced(
     a: BezierSegments, b: BezierSegments, wanted: float | None, frame: Frame
 ) -> tuple[HostPair, tuple[Arcs, Arcs]]:
-    """The pair for the solver, and the arcs of a and of b."""
+    """Return the pair for the solver, and the arcs of a and of b."""
     for known in _last[:1]:
         if known.of[0]() is b and known.of[1]() is a and known.deviation == wanted:
             return known.pair.reversed(), (known.arcs[1], known.arcs[0])
@@ -214,7 +214,7 @@ def _forget(curve: ref) -> None:
 
 
 def both_arcs(pair: HostPair, deviation: float) -> tuple[Arcs, Arcs]:
-    """The arcs of both curves, for each stored segment that repeats no other, found in one pass."""
+    """Return the arcs of both curves, for each stored segment that repeats no other, found in one pass."""
     kept = [np.flatnonzero(~x.skip) for x in (pair.first, pair.second)]
     points = [np.asarray(x.control_points)[rows] for x, rows in zip(pair.stored, kept, strict=True)]
     every = np.concatenate(points)
@@ -230,13 +230,13 @@ def both_arcs(pair: HostPair, deviation: float) -> tuple[Arcs, Arcs]:
 
 
 class Trimmed(NamedTuple):
-    """What is left of a.
+    """The parts of a that remain.
 
     Args:
-        pieces: parts of it.
-        feet: the parts of b where their feet can be.
-        upper: bound of the distances of all its segments that are no points, in common coordinates.
-        best: the farthest place measured, if any.
+        pieces: the remaining parts.
+        feet: the parts of b that may hold their feet.
+        upper: bound of the distances of all segments of a that are no points, in common coordinates.
+        best: the farthest measured point, if any.
     """
 
     pieces: EventPieces
@@ -246,13 +246,13 @@ class Trimmed(NamedTuple):
 
 
 def upper_bound(pair: HostPair, left: Trimmed) -> float:
-    """Bound of the distance from a to b: that of the pieces, and for isolated points their distances to ends of b."""
+    """Bound the distance from a to b: by the bound of the pieces, and the distances of isolated points to ends of b."""
     single = near_ends(pair.a.points[0, :, pair.isolated], pair.b)
     return max(left.upper, float(np.max(single, initial=0.0)) + evaluation_error(*pair.stored))
 
 
 def trimmed(pair: HostPair, d: Arcs, c: Arcs, level: float) -> Trimmed:
-    """Removes the pieces of a that are nearer to b than the level or a distance that was measured.
+    """Remove the pieces of a that are nearer to b than the level or a distance that was measured.
 
     Args:
         pair: both curves.
@@ -286,13 +286,13 @@ def trimmed(pair: HostPair, d: Arcs, c: Arcs, level: float) -> Trimmed:
 
 
 def _above(level: float, d: Arcs, *values: np.ndarray) -> tuple[Any, ...]:
-    """The arcs, with their values, the first of which reaches the level."""
+    """Return the arcs, with their values, whose first value reaches the level."""
     rows = np.flatnonzero(values[0] >= level)
     return d.take(rows), *(x[rows] for x in values)
 
 
 def _chords(points: np.ndarray, d: Arcs) -> Arcs:
-    """The pieces of some arcs, each in so many chords, in order."""
+    """Return the pieces of some arcs, each in several chords, in order."""
     share = np.arange(_CHORDS + 1) / _CHORDS
     t = np.clip(d.t0[:, None] + (d.t1 - d.t0)[:, None] * share, d.t0[:, None], d.t1[:, None])
     t[:, -1] = d.t1
@@ -301,7 +301,7 @@ def _chords(points: np.ndarray, d: Arcs) -> Arcs:
 
 
 def _first_sample(pair: HostPair) -> float:
-    """The largest distance of some places spread over a: middles of its segments, more of them where it has few."""
+    """Return the largest distance of some points spread over a."""
     count = pair.a.moving
     if not count:
         return measured(pair, pair.isolated[:_SAMPLES], np.zeros(min(len(pair.isolated), _SAMPLES)), None).distance
@@ -311,7 +311,7 @@ def _first_sample(pair: HostPair) -> float:
 
 
 def _best_place(points: np.ndarray, target: ArcTarget, d: Arcs, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stored segments and parameters of the places of a that are farthest from the arcs.
+    """Return stored segments and parameters of the points of a that are farthest from the arcs.
 
     They are samples on the arcs with the largest bounds, and then samples ever closer around the best one, until they
     are as close as the arcs are to the curve.
@@ -346,10 +346,10 @@ def _points_at(points: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def _feet(pair: HostPair, pieces: EventPieces, target: ArcTarget) -> SurvivingFeet:
-    """Where the feet of the pieces can be: no farther than what is known of the distance there.
+    """Return the parts of b that may hold feet of the pieces: those within the bound of the distance.
 
     A foot of an event of the maximum is a nearest point, so its distance is at most the bound of the piece. Arcs of b
-    that are farther from a disc around the piece than that, with their deviations, hold no such foot.
+    that are farther than this bound from a disc around the piece, with their deviations, hold no such foot.
     """
     points = restricted(pair.a.points[..., pieces.segment], pieces.side)
     center = points.mean(0)

@@ -39,11 +39,11 @@ from jhd._shapes.curve import BezierSegments
 
 # Samples of the whole curve when their number is left open: shared among the segments, within these limits for each.
 _SAMPLES, _LEAST, _MOST = 512, 6, 128
-# Samples of the whole curve with variant="paper": those of the source's example 2.
+# Samples of the whole curve with variant="paper": the number in the source's example 2.
 _PUBLISHED = 90
-# Intervals refined together; most pairs need one or two rounds of so many.
+# Intervals refined together; most pairs need one or two rounds of this size.
 _LANES = 8
-# Free places for the halves of intervals that a third branch cuts.
+# Free entries for the halves of intervals that a third branch cuts.
 _EXTRA = 32
 # Samples searched side by side: more wait for the slowest of them, fewer do not fill the vector units.
 _CHUNK = 128
@@ -134,14 +134,14 @@ class TwoStep(AbstractCurveMethod):
         return HausdorffSolution(value, lower, jnp.full_like(lower, jnp.inf), witness, RESULTS.successful, stats)
 
     def _places(self, a: BezierSegments, skip: Array) -> CurvePlace:
-        """All samples, in the order of segments and parameters; ends of segments that meet are there twice."""
+        """Return all samples, in the order of segments and parameters; ends of segments that meet are there twice."""
         if self.per == "curve" and self.samples is not None:
             return _over_all(a.count, skip, self.samples)
         t = self._parameters(a)
         return CurvePlace(jnp.repeat(jnp.arange(a.count), t.shape[1]), t.ravel())
 
     def _parameters(self, a: BezierSegments) -> Array:
-        """Sample parameters, (segments, samples + 1), from 0 to 1."""
+        """Return the sample parameters, (segments, samples + 1), from 0 to 1."""
         count = self.samples or min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
         uniform = jnp.linspace(0.0, 1.0, count + 1)
         if self.spacing == "uniform" or a.degree < 2:
@@ -178,16 +178,17 @@ class _Refining(NamedTuple):
 
 
 def _by_curvature(a: BezierSegments, segment: Array, count: int) -> Array:
-    """Parameters between which the curve goes on and turns by equal shares: half arc length, half angle."""
+    """Return parameters between which the curve advances and turns by equal amounts: half arc length, half angle."""
     t = jnp.linspace(0.0, 1.0, 8 * count + 1)
     tangents = jax.vmap(lambda t: jet(*piece_of(a, segment), t).first)(t)
     speed = jnp.sqrt(jnp.sum(tangents**2, axis=-1))
     unit = tangents / jnp.where(speed > 0, speed, 1.0)[:, None]
     turn = jnp.sqrt(jnp.sum((unit[1:] - unit[:-1]) ** 2, axis=-1))
     length = 0.5 * (speed[1:] + speed[:-1])
-    # What turns by less than a radian in all is divided by length: angles of a straight line are rounding.
+    # The turn of a curve that turns by less than a radian in all is not normalized: angles of a straight line are
+    # rounding.
     share = _normalized(length) + turn / jnp.maximum(jnp.sum(turn), 1.0)
-    # A small uniform part keeps the parameters apart where the curve neither moves nor turns.
+    # A small uniform part keeps the parameters apart if the curve neither moves nor turns.
     grown = jnp.concatenate([jnp.zeros(1), jnp.cumsum(share + 0.1 / t.size)])
     inner = jnp.interp(jnp.linspace(0.0, 1.0, count + 1), grown / grown[-1], t)
     return inner.at[0].set(0.0).at[-1].set(1.0)
@@ -199,7 +200,7 @@ def _normalized(x: Array) -> Array:
 
 
 def _nearest_all(pair: RefinedPair, points: Array, skip: Array) -> NearestOnCurve:
-    """Proven nearest points for rows of points, in chunks; rows to skip get bounds that are true and wide."""
+    """Return proven nearest points for rows of points, in chunks; rows to skip get bounds that are true and wide."""
     b = pair.b
 
     def search(query: tuple[Array, Array]) -> NearestOnCurve:
@@ -210,7 +211,7 @@ def _nearest_all(pair: RefinedPair, points: Array, skip: Array) -> NearestOnCurv
 
 
 def _over_all(count: int, skip: Array, samples: int) -> CurvePlace:
-    """Equal steps of the parameter of all segments that repeat no other, and both ends of each."""
+    """Return equal steps of the parameter of all segments that repeat no other, and both ends of each."""
     kept = jnp.sum(~skip)
     g = jnp.arange(1, samples) * kept / samples
     index = jnp.minimum(jnp.floor(g).astype(int), kept - 1)
@@ -222,7 +223,7 @@ def _over_all(count: int, skip: Array, samples: int) -> CurvePlace:
 
 
 def _number(pair: RefinedPair, samples: _CurveSamples) -> Array:
-    """How many samples there are, without those of repeated segments; those at a joint count once."""
+    """Return the number of samples, without samples of repeated segments; samples at a joint count once."""
     again = (samples.segment[1:] == samples.segment[:-1]) & (samples.t[1:] == samples.t[:-1])
     kept = ~pair.skip_a[samples.segment] & ~jnp.pad(again, (1, 0))
     return jnp.sum(kept) - jnp.sum(~pair.skip_a & (pair.a.next_segment >= 0))
@@ -246,7 +247,7 @@ def _best_sample(samples: _CurveSamples) -> _BestSample:
 
 
 def _brackets(samples: _CurveSamples) -> Bracket:
-    """Intervals between samples that may hold a local maximum, followed by free places."""
+    """Return intervals between samples that may hold a local maximum, followed by free entries."""
     d, left, right = samples.distance, slice(None, -1), slice(1, None)
     chord = lengths(samples.point[right] - samples.point[left])
     feet_apart = lengths(samples.foot[right] - samples.foot[left])
@@ -267,7 +268,7 @@ def _brackets(samples: _CurveSamples) -> Bracket:
 
 
 def _as_published(pair: RefinedPair, samples: int) -> HausdorffSolution:
-    """The largest of the published candidates, and the proven bound that their places on a give."""
+    """Return the largest of the published candidates, and the proven bound at their points on a."""
     found = published_candidates(pair, samples)
     points = jax.vmap(lambda k, u: jet(*piece_of(pair.a, k), u).point)(*found.place)
     proven = _nearest_all(pair, points, found.distance == -jnp.inf)
@@ -281,7 +282,7 @@ def _as_published(pair: RefinedPair, samples: int) -> HausdorffSolution:
 
 
 def _round(pair: RefinedPair, state: _Refining) -> _Refining:
-    """Refines the intervals with the largest keys and takes the best of their candidates."""
+    """Refine the intervals with the largest keys and take the best of their candidates."""
     brackets, best = state.brackets, state.best
     keys, index = jax.lax.top_k(brackets.key, _LANES)
     lanes = Bracket(*(x[index] for x in brackets))
@@ -306,14 +307,14 @@ def _round(pair: RefinedPair, state: _Refining) -> _Refining:
 
 
 def _stored(brackets: Bracket, new: Bracket) -> Bracket:
-    """Puts the new intervals where the smallest keys are, unless those are larger."""
+    """Replace the intervals with the smallest keys by new ones, unless their keys are larger."""
     _, worst = jax.lax.top_k(-brackets.key, new.key.shape[0])
     take = new.key > brackets.key[worst]
     return Bracket(*(old.at[worst].set(jnp.where(take, x, old[worst])) for old, x in zip(brackets, new, strict=True)))
 
 
 def _halves(lanes: Bracket, t: Array, tracked: Array, found: NearestOnCurve) -> tuple[Bracket, Array]:
-    """The two parts of each interval about its best candidate, wanted where a branch not followed is nearer there."""
+    """Return the two parts of each interval at its best candidate, wanted if an unfollowed branch is nearer there."""
     which = jnp.argmax(tracked, axis=1)
     pick = lambda x: jnp.take_along_axis(x, which[:, None], axis=1)[:, 0]  # noqa: E731
     cut_at, true, followed = pick(t), pick(found.distance), pick(tracked)
@@ -324,5 +325,5 @@ def _halves(lanes: Bracket, t: Array, tracked: Array, found: NearestOnCurve) -> 
     left = lanes._replace(t1=cut_at, k1=k, s1=s)
     right = lanes._replace(t0=cut_at, k0=k, s0=s)
     both = Bracket(*(jnp.concatenate([x, y]) for x, y in zip(left, right, strict=True)))
-    # What was followed bounds what the parts can hold, beside their keys.
+    # The followed distance bounds the parts, in addition to their keys.
     return both._replace(key=jnp.tile(jnp.minimum(lanes.key, followed), 2)), cut

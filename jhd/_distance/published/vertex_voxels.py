@@ -33,12 +33,12 @@ from jhd._triangles.closest_point import (
 
 # Finest grids that are tried: three such indices fit into one integer, and few floats are closer.
 _FINEST = 1 << 20
-# Points searched together: what they need grows with the number of triangles around their features.
+# Points searched together: their memory grows with the number of triangles around their features.
 _TOGETHER = 1 << 11
 
 
 class GridOptions(NamedTuple):
-    """How the grid is made; see VertexVoxels.
+    """Options of the grid; see VertexVoxels.
 
     Args:
         resolution: voxels along each side of the cube; None for the least power of two with one vertex a voxel.
@@ -51,7 +51,7 @@ class GridOptions(NamedTuple):
     transform: str
 
     def __call__(self, mesh: TriangleMesh) -> "VertexGrid":
-        """The grid of a mesh, as a prepared mesh asks for it."""
+        """Return the grid of a mesh, when a prepared mesh needs it."""
         return _built(mesh, self)
 
 
@@ -63,7 +63,7 @@ class VertexGrid(NamedTuple):
         side: side of the cube.
         nearest: a nearest feature of each voxel.
         features: the voxels that hold vertices.
-        starts: where each feature's triangles start, and the end of the last.
+        starts: start of each feature's triangles, and the end of the last.
         triangles: the triangles around the vertices in each feature, as sorted in the mesh's tree.
     """
 
@@ -76,12 +76,12 @@ class VertexGrid(NamedTuple):
 
 
 def local_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"], options: GridOptions) -> ClosestPoints:
-    """The nearest points that the local search finds, with lower bounds of 0.
+    """Return the nearest points that the local search finds, with lower bounds of 0.
 
     Args:
         mesh: the mesh; all numbers known.
         points: finite, of the mesh's precision.
-        options: of the grid, which is built, or found again.
+        options: options of the grid, which is built, or found again.
 
     Raises:
         ValueError: a grid of more voxels than the capacity.
@@ -106,7 +106,7 @@ def local_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"], opti
 
 
 def resolution_of(mesh: TriangleMesh, options: GridOptions) -> int:
-    """Voxels along each side of the cube around a mesh.
+    """Return the number of voxels along each side of the cube around a mesh.
 
     Raises:
         ValueError: more voxels in all than the capacity.
@@ -119,10 +119,10 @@ class _Cube(NamedTuple):
 
     Args:
         lower: its lower corner.
-        side: its side, one for a mesh at one place.
-        shares: the vertices that triangles name, as shares of the side.
-        corners: the triangles by these vertices.
-        count: the number of places that vertices are at.
+        side: its side, one for a mesh in a single point.
+        shares: the vertices of the triangles, as fractions of the side.
+        corners: the triangles as indices of these vertices.
+        count: number of distinct vertices.
     """
 
     lower: Float[np.ndarray, "3"]
@@ -173,7 +173,7 @@ def _resolution(cube: _Cube, options: GridOptions) -> int:
 
 
 def _one_each(cube: _Cube, n: int) -> bool:
-    """Whether no voxel holds more than one vertex; vertices at one place count as one."""
+    """Return whether no voxel holds more than one vertex; equal vertices count as one."""
     return len(np.unique(_names(_places(cube.shares, n), n))) == cube.count
 
 
@@ -186,7 +186,7 @@ def _names(places: np.ndarray, n: int) -> np.ndarray:
 
 
 def _voxels_of(grid: VertexGrid, points: np.ndarray) -> np.ndarray:
-    """The voxel of each point, as one number; for points outside the cube the voxel next to them."""
+    """Return the voxel of each point, as one number; for points outside the cube the nearest voxel."""
     n = len(grid.nearest)
     return _names(_places((points - grid.lower) / grid.side, n), n)
 
@@ -194,7 +194,7 @@ def _voxels_of(grid: VertexGrid, points: np.ndarray) -> np.ndarray:
 def _searched(
     grid: VertexGrid, tree: TriangleTree, points: np.ndarray, voxels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Least squared distances, and sorted triangles that have them."""
+    """Return the least squared distances, and sorted triangles that have them."""
     from scipy.spatial import KDTree
 
     features = KDTree(grid.features)
@@ -212,7 +212,7 @@ def _searched(
 
 
 def _candidates(grid: VertexGrid, features: Any, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of an index into `voxels`, ascending, and a triangle around a vertex in a nearest feature of that voxel."""
+    """Return pairs of an ascending index into `voxels` and a triangle around a vertex in a nearest feature."""
     names, index = np.unique(voxels, return_inverse=True)
     places = np.stack(np.unravel_index(names, grid.nearest.shape), axis=1)
     squares = np.sum((grid.features[grid.nearest.reshape(-1)[names]] - places) ** 2, axis=1)
@@ -220,7 +220,7 @@ def _candidates(grid: VertexGrid, features: Any, voxels: np.ndarray) -> tuple[np
     ends = np.concatenate([[0], np.cumsum([len(ball) for ball in balls])])
     tied = np.concatenate(balls).astype(np.int64)
     owner = np.repeat(np.arange(len(names)), np.diff(ends))
-    # Where the transform misses the nearest feature, the ball holds nearer ones, which the paper does not look at.
+    # If the transform misses the nearest feature, the ball holds nearer ones, which the paper does not examine.
     as_near = np.sum((grid.features[tied] - places[owner]) ** 2, axis=1) == squares[owner]
     tied, owner = tied[as_near], owner[as_near]
     pair, entry = _expanded(np.searchsorted(owner, np.arange(len(names) + 1)), index)
@@ -229,7 +229,7 @@ def _candidates(grid: VertexGrid, features: Any, voxels: np.ndarray) -> tuple[np
 
 
 def _expanded(starts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All entries of the lists named by `rows`: the index into `rows`, and the place of the entry."""
+    """Return all entries of the lists with indices `rows`: the index into `rows`, and the position of the entry."""
     lengths = np.diff(starts)[rows]
     owner = np.repeat(np.arange(len(rows)), lengths)
     return owner, np.arange(len(owner)) + (starts[rows] - np.cumsum(lengths) + lengths)[owner]

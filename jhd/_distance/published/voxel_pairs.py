@@ -32,22 +32,23 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 
-# Places count as inside up to this share of the spacing.
+# Points count as inside up to this fraction of the spacing.
 _SLACK = 1e-12
-# Triangles are cut until they are at most so many cubes long, and pairs of a triangle and a cube are tested together.
+# Triangles are cut until they span at most this many cubes, and this many pairs of a triangle and a cube are tested
+# together.
 _LONG, _PAIRS = 8, 1 << 18
 # Largest number of cubes along an axis.
 _MOST = 1 << 10
-# Meshes of parametric surfaces are off by at most this share of the distance of two lines.
+# Meshes of parametric surfaces are off by at most this fraction of the distance of two lines.
 _MESHED = 0.01
 _SERVED = (ImplicitSurface, TriangleMesh, AbstractPatch)
 
 
 class AbstractCubeSide(eqx.Module):
-    """One of both surfaces.
+    """A surface of the pair, in the form for cubes.
 
     Args:
-        lower: the lower corner of a box that holds it.
+        lower: the lower corner of a box around it.
         upper: its upper corner.
     """
 
@@ -56,15 +57,15 @@ class AbstractCubeSide(eqx.Module):
 
     @abstractmethod
     def occupied(self, origin: Float[np.ndarray, "3"], spacing: float, cells: int) -> Int[np.ndarray, "cubes 3"]:
-        """Places of the cubes that the surface may meet, of `cells` along each axis from the origin."""
+        """Return the indices of the cubes that the surface may meet, of `cells` along each axis from the origin."""
 
     @abstractmethod
     def met(self, lines: np.ndarray, axis: int, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-        """Where lines along an axis meet the surface: numbers of lines, and coordinates between two values."""
+        """Return where lines along an axis meet the surface: indices of lines, and coordinates from `low` to `high`."""
 
 
 def cube_side(shape: Any, tolerance: float) -> AbstractCubeSide:
-    """The side of a shape; a parametric surface is replaced by a mesh within the tolerance."""
+    """Return the side of a shape; a parametric surface is replaced by a mesh within the tolerance."""
     if isinstance(shape, ImplicitSurface):
         return _ImplicitCubes(np.asarray(shape.lower, float), np.asarray(shape.upper, float), shape)
     mesh = shape.to_mesh(tolerance).shape if isinstance(shape, AbstractPatch) else shape
@@ -75,7 +76,7 @@ def cube_side(shape: Any, tolerance: float) -> AbstractCubeSide:
 def samples_in(
     side: AbstractCubeSide, low: Float[np.ndarray, "3"], spacing: float, count: int
 ) -> Float[np.ndarray, "samples 3"]:
-    """Points of a surface in a cube, on count x count lines along the axis in which its projection is the largest.
+    """Return points of a surface in a cube, on count x count lines along the axis of its largest projection.
 
     The number of lines that meet the surface in the cube measures the area of its projection along them.
     """
@@ -174,7 +175,7 @@ class _MeshCubes(AbstractCubeSide):
 
 
 def _short(corners: np.ndarray) -> np.ndarray:
-    """The same triangles, long ones in quarters."""
+    """Return the triangles, with long ones cut into quarters."""
     while np.any(long := np.ptp(corners, axis=1).max(axis=1, initial=0.0) > _LONG):
         a, b, c = np.moveaxis(corners[long], 1, 0)
         d, e, f = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
@@ -184,7 +185,7 @@ def _short(corners: np.ndarray) -> np.ndarray:
 
 
 def _meet(corners: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Whether triangles meet cubes of side one: no axis of 10 parts them; boxes are known to meet."""
+    """Return whether triangles meet cubes of side one: no axis of 10 separates them; boxes are known to meet."""
     corners = corners - middle[:, None]
     sides = np.roll(corners, -1, axis=1) - corners
     units = np.eye(3)
@@ -329,13 +330,13 @@ class VoxelPairs(AbstractMethod):
         return origin, 1 << max(count - 1, 0).bit_length()
 
     def _samples_in(self, side: AbstractCubeSide, origin: np.ndarray, rows: np.ndarray) -> dict[Any, np.ndarray]:
-        """For each of the cubes its samples."""
+        """Return for each of the cubes its samples."""
         cells = np.unique(rows, axis=0)
         return {tuple(x): samples_in(side, origin + x * self.spacing, self.spacing, self.samples) for x in cells}
 
 
 def _nearest_cells(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of cubes at the least distance, sorted: the distances of b's cubes from the transform of a's."""
+    """Return all pairs of cubes at the least distance, sorted: the distances of b's cubes from the transform of a's."""
     low = np.minimum(a.min(axis=0), b.min(axis=0))
     features = np.zeros(np.maximum(a.max(axis=0), b.max(axis=0)) - low + 1, bool)
     features[tuple((a - low).T)] = True

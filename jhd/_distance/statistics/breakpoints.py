@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-# Times that a bracket is narrowed by two places: as its square, an eighth becomes nothing in half as many.
+# How often two points narrow a bracket: its width is squared, so an eighth vanishes after half as many.
 _ROUNDS = 7
-# Half of the next bracket over the square of one, in lines, and by how much more it is where that missed the kink.
+# Half of the next bracket over the square of the current one, in lines, and the factor if it missed the breakpoint.
 _SHARE, _WIDER = 0.125, 8.0
 
 
 class OnLines(NamedTuple):
-    """What is known at places of lines, one on each."""
+    """Value, slope and branch label at one point of each line."""
 
     place: Float[np.ndarray, " lines"]
     value: Float[np.ndarray, " lines"]
@@ -27,7 +27,7 @@ class OnLines(NamedTuple):
 
 
 class Kinks(NamedTuple):
-    """Places where branches meet, and the labels seen nearest on both sides."""
+    """Breakpoints, and the labels nearest to them on both sides."""
 
     place: Float[np.ndarray, " lines"]
     before: Int[np.ndarray, " lines"]
@@ -35,14 +35,14 @@ class Kinks(NamedTuple):
 
 
 def kinks(look: Callable[[np.ndarray], OnLines], low: np.ndarray, high: np.ndarray) -> Kinks:
-    """Where the branch at one end of each line passes into that at the other end; anywhere where there is one branch.
+    """Return the breakpoint between the branches at both ends of each line; any point if there is one branch only.
 
-    Where there is a third one between, one of its ends is found.
+    If there is a third branch between, one of its ends is found.
 
     Args:
-        look: what is seen at a place of each line.
-        low: where the lines start.
-        high: where they end.
+        look: returns the value, slope and label at a point of each line.
+        low: starts of the lines.
+        high: ends of the lines.
     """
     first, last = look(low), look(high)
     share = np.full(len(low), _SHARE) / np.where(high > low, high - low, 1.0)
@@ -59,7 +59,7 @@ def kinks(look: Callable[[np.ndarray], OnLines], low: np.ndarray, high: np.ndarr
 def _narrowed(
     look: Callable[[np.ndarray], OnLines], first: OnLines, last: OnLines, place: np.ndarray
 ) -> tuple[OnLines, OnLines, np.ndarray]:
-    """Both ends after a look at a place between them, or at the middle, and whether that place lies before the kink."""
+    """Evaluate at `place`, or the middle if it is outside; return the ends, and whether the breakpoint is behind it."""
     inside = (place > first.place) & (place < last.place)
     at = look(np.where(inside, place, 0.5 * (first.place + last.place)))
     by_slope = np.abs(at.slope - first.slope) < np.abs(at.slope - last.slope)
@@ -69,12 +69,12 @@ def _narrowed(
 
 
 def chosen(which: np.ndarray, x: OnLines, y: OnLines) -> OnLines:
-    """What is known of one place of each line: the first where `which` is true."""
+    """Return for each line the entry of x if `which` is true, else of y."""
     return OnLines(*(np.where(which, *pair) for pair in zip(x, y, strict=True)))
 
 
 def meeting(first: OnLines, last: OnLines) -> tuple[np.ndarray, np.ndarray]:
-    """Where the tangents at both ends meet, or the middle, and the value of that at the first end there."""
+    """Return where the tangents at both ends meet, or the middle, and the value of the first tangent there."""
     bend, width = first.slope - last.slope, last.place - first.place
     place = first.place + (last.value - first.value - last.slope * width) / np.where(bend != 0, bend, 1.0)
     inside = (bend != 0) & (place > first.place) & (place < last.place)

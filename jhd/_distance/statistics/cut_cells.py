@@ -1,12 +1,12 @@
 """Rules over cells of a surface that are cut along curves: creases or levels of the distance.
 
-Along one parameter each line across a cell is cut where it meets such a curve, and a rule of Gauss is applied to each
-part. Along the other parameter the cell is cut where the curve leaves it by an end of these lines, and where the lines
+Along one parameter each line across a cell is cut at such a curve, and a Gauss rule is applied to each part. Along the
+other parameter the cell is cut at the points where the curve leaves it by an end of these lines, and where the lines
 begin to meet another curve. The integrand is then smooth in each part, so the rules converge as over a whole cell. The
 lines run across the curve.
 
 Source: Saye, High-order quadrature methods for implicitly defined surfaces and volumes in hyperrectangles (2015).
-Branches of the distance in place of a level set, and places found by the slopes from both sides, are ours.
+Branches of the distance instead of a level set, and cuts found by the slopes from both sides, are ours.
 """
 
 from collections.abc import Callable
@@ -21,21 +21,21 @@ from jhd._distance.statistics.pointwise import Seen, Sight
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells
 from jhd._runtime.arrays import joined, taken
 
-# Places of a rule over each part along each parameter, after an even and an odd number of halvings: between the same
-# cuts lines would be the same in a cell and in its part.
+# Nodes of a rule over each part along each parameter, after an even and an odd number of halvings: with equal numbers,
+# lines between the same cuts would coincide in a cell and in its part.
 _GAUSS = 5, 6
 # Parts of a line at whose ends labels are compared.
 _PARTS = 8
-# Places at which what lines meet changes, in each cell, at most; and halvings to there.
+# Largest number of changes of kind in each cell, and bisection steps to find one.
 _CHANGES, _KINK_HALVINGS = 6, 14
 # Multiplied with it, labels are scattered over all numbers (2^64 over the golden section).
 _ODD = np.int64(-7046029254386353131)
-# Halvings of cells before such places are looked for.
+# Halvings of cells before such changes are searched.
 _SHARP = 3
 
 
 class CellLines(NamedTuple):
-    """Lines along one parameter: cells, pieces, both parameters at the start, the axis, and where it ends along it."""
+    """Lines along one parameter: cells, pieces, both parameters at the start, the axis, and its value at the end."""
 
     cell: Int[np.ndarray, " lines"]
     piece: Int[np.ndarray, " lines"]
@@ -46,63 +46,63 @@ class CellLines(NamedTuple):
     take = taken
 
     def place(self, along: np.ndarray) -> np.ndarray:
-        """Both parameters, at one along the lines."""
+        """Return both parameters, given the one along the lines."""
         t = self.start.copy()
         t[np.arange(len(t)), self.axis] = along
         return t
 
     @property
     def low(self) -> np.ndarray:
-        """Where the lines start along their axes."""
+        """Starts of the lines along their axes."""
         return self.start[np.arange(len(self.start)), self.axis]
 
     @property
     def beside(self) -> np.ndarray:
-        """The other parameter."""
+        """The parameter across the lines."""
         return self.start[np.arange(len(self.start)), 1 - self.axis]
 
 
 class CellNodes(NamedTuple):
-    """Places of rules over cells, their factors, and the cell of each."""
+    """Nodes of rules over cells, with factors, and the cell of each."""
 
     nodes: Nodes
     cell: Int[np.ndarray, " places"]
 
     def of(self, cells: np.ndarray) -> "CellNodes":
-        """Those of some cells, given by a mask, numbered among these."""
+        """Return the nodes of the cells in a mask, with cells numbered among these."""
         rows = cells[self.cell]
         return CellNodes(taken(self.nodes, rows), (np.cumsum(cells) - 1)[self.cell[rows]])
 
     def sums(self, values: np.ndarray, cells: int) -> np.ndarray:
-        """Sums (cells, columns) of values (places, columns) over each of so many cells."""
+        """Return sums (cells, columns) of values (places, columns) over each of `cells` cells."""
         return np.stack([np.bincount(self.cell, column, cells) for column in values.T], axis=1)
 
 
 class Looked:
-    """Distances seen from places of a known net, which are counted."""
+    """Distances from nodes of a known net, with a count of the evaluations."""
 
     def __init__(self, net: Net, sight: Sight):
         self.net, self.sight, self.count = net, sight, 0
 
     def at(self, nodes: Nodes) -> Seen:
-        """What is seen at places."""
+        """Return the data seen from nodes."""
         self.count += len(nodes.piece)
         return self.sight.at(self.net, nodes)
 
     def along(self, lines: CellLines, place: np.ndarray) -> OnLines:
-        """Distances and their slopes along lines."""
+        """Return distances and their slopes along lines."""
         seen = self.at(Nodes(lines.piece, lines.place(place), np.ones(len(place))))
         return OnLines(place, seen.distance, seen.slope[np.arange(len(place)), lines.axis], seen.label)
 
 
 class CutLines(NamedTuple):
-    """Lines with factors, where each is cut, and what it meets there.
+    """Lines with factors, their cuts, and the kind of curves that they meet.
 
     Args:
-        lines: across cells.
-        factor: of the other parameter.
+        lines: lines across cells.
+        factor: factors of the rule in the other parameter.
         cuts: (lines, cuts) in order; NaN behind the last.
-        kind: a number that tells what a line meets.
+        kind: a number that identifies the curves that a line meets.
     """
 
     lines: CellLines
@@ -112,37 +112,37 @@ class CutLines(NamedTuple):
 
     @property
     def edges(self) -> np.ndarray:
-        """The starts, cuts and ends of lines."""
+        """Return the starts, cuts and ends of lines."""
         end = self.lines.end[:, None]
         return np.concatenate([self.lines.low[:, None], np.where(np.isnan(self.cuts), end, self.cuts), end], axis=1)
 
 
 class Ruled(NamedTuple):
-    """Rules over the parts of cut lines: the places, and the line and part of each."""
+    """Rules over the parts of cut lines: the nodes, and the line and part of each."""
 
     places: CellNodes
     line: Int[np.ndarray, " places"]
     part: Int[np.ndarray, " places"]
 
 
-# Cuts of lines in order, and what they meet.
+# Returns the cuts of lines in order, and the kind of each line.
 Cutter = Callable[[CellLines], tuple[np.ndarray, np.ndarray]]
 
 
 def cut_lines(
     cells: ParameterCells, across: np.ndarray, cutter: Cutter, halvings: int, step: int
 ) -> tuple[CutLines, np.ndarray]:
-    """Lines across cells at the places of rules of the other parameter, over parts in which they meet the same.
+    """Return lines across cells at nodes of the other parameter, over parts in which they meet the same curves.
 
     Args:
-        cells: of a surface.
+        cells: cells of a surface.
         across: the axis of the lines of each cell.
-        cutter: what cuts lines.
-        halvings: with which it is found where what lines meet changes; by none, cells with such places are told.
-        step: by how many halvings the cells came about.
+        cutter: returns the cuts of lines, and the kind of each line.
+        halvings: bisection steps to find where the kind of lines changes; without any, such cells are only reported.
+        step: number of halvings that made the cells.
 
     Returns:
-        The lines, and whether all lines of each part of a cell meet the same.
+        The lines, and whether all lines of each part of a cell meet the same curves.
     """
     settled = np.ones(len(across), bool)
     if cells.low.shape[1] == 1:
@@ -160,7 +160,7 @@ def cut_lines(
     if halvings == 0 or len(rows) == 0:
         settled[lines.cell[rows]] = False
         return first, settled
-    # From both sides, since what lies between may be narrow.
+    # From both sides, since the part between may be narrow.
     cell, other = np.tile(lines.cell[rows], 2), np.concatenate([kind[rows], kind[rows + 1]])
     low, high = np.tile(lines.beside[rows], 2), np.tile(lines.beside[rows + 1], 2)
     ahead = np.arange(len(cell)) < len(rows)
@@ -182,7 +182,7 @@ def cut_lines(
 
 
 def _cut(cells: ParameterCells, across: np.ndarray, cutter: Cutter, others: np.ndarray, step: int) -> CutLines:
-    """Lines between places of the other parameter (cells, places); its lower end is none."""
+    """Return lines at nodes between given values (cells, places) of the other parameter."""
     count = len(cells.piece)
     row, other = np.arange(count), 1 - across
     x, w = _rule(step)
@@ -196,7 +196,7 @@ def _cut(cells: ParameterCells, across: np.ndarray, cutter: Cutter, others: np.n
 
 
 def _border(cells: ParameterCells, across: np.ndarray, end: np.ndarray) -> CellLines:
-    """The borders of cells at one end of the lines across them."""
+    """Return the borders of cells at one end of the lines across them."""
     row = np.arange(len(across))
     start = cells.low.copy()
     start[row, across] = end[row, across]
@@ -204,14 +204,14 @@ def _border(cells: ParameterCells, across: np.ndarray, end: np.ndarray) -> CellL
 
 
 def _lines_at(cells: ParameterCells, across: np.ndarray, cell: np.ndarray, at: np.ndarray) -> CellLines:
-    """Lines across some cells at places of the other parameter."""
+    """Return lines across some cells at values of the other parameter."""
     start, axis = cells.low[cell], across[cell]
     start[np.arange(len(cell)), 1 - axis] = at
     return CellLines(cell, cells.piece[cell], start, axis, cells.high[cell, axis])
 
 
 def ruled(cut: CutLines, step: int) -> Ruled:
-    """Rules over the parts of lines."""
+    """Return rules over the parts of lines."""
     x, w = _rule(step)
     edges = cut.edges
     width = np.diff(edges, axis=1)
@@ -224,7 +224,7 @@ def ruled(cut: CutLines, step: int) -> Ruled:
 
 
 def parts_of(lines: CellLines, parts: int) -> tuple[CellLines, np.ndarray]:
-    """Each line so many times and once more, and the ends (lines, parts + 1) of so many parts of it."""
+    """Return each line `parts` + 1 times, and the ends (lines, parts + 1) of its equal parts."""
     shares = np.arange(parts + 1) / parts
     return lines.take(np.repeat(np.arange(len(lines.cell)), parts + 1)), (
         lines.low[:, None] * (1 - shares) + lines.end[:, None] * shares
@@ -232,7 +232,7 @@ def parts_of(lines: CellLines, parts: int) -> tuple[CellLines, np.ndarray]:
 
 
 def kind_of(labels: np.ndarray) -> np.ndarray:
-    """A number for each row of labels, which tells the set of these."""
+    """Return a number for each row of labels that identifies the set of its labels."""
     ordered = np.sort(labels, axis=1)
     fresh = np.concatenate([np.ones((len(ordered), 1), bool), ordered[:, 1:] != ordered[:, :-1]], axis=1)
     with np.errstate(over="ignore"):
@@ -244,14 +244,14 @@ def kind_of(labels: np.ndarray) -> np.ndarray:
 def cut_at_kinks(
     cells: ParameterCells, looked: Looked, across: np.ndarray, alike: np.ndarray, step: int
 ) -> tuple[CellNodes, np.ndarray]:
-    """Rules over cells, the parts of which beside kinks are smooth, and whether that is so of each cell.
+    """Return rules over the parts of cells between breakpoints, and whether the distance is smooth in each part.
 
     Args:
-        cells: of a surface.
-        looked: what is seen from it.
-        across: the axis of the lines of each cell, across the kink.
-        alike: in which cells lines are cut too that see one label only.
-        step: by how many halvings the cells came about.
+        cells: cells of a surface.
+        looked: the distances from its points.
+        across: the axis of the lines of each cell, across the breakpoints.
+        alike: whether lines of a cell are also cut if they see one label only.
+        step: number of halvings that made the cells.
     """
     halvings = _KINK_HALVINGS if step >= _SHARP else 0
     cut, smooth = cut_lines(cells, across, lambda lines: _kinks(lines, looked, alike), halvings, step)
@@ -259,12 +259,12 @@ def cut_at_kinks(
 
 
 def _kinks(lines: CellLines, looked: Looked, alike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where labels change along lines, at one place of each part at most, and a number for the labels seen."""
+    """Return where labels change along lines, at most once in each part, and a number for the labels seen."""
     each, places = parts_of(lines, _PARTS)
     label = looked.along(each, places.ravel()).label.reshape(places.shape)
     changes = label[:, 1:] != label[:, :-1]
     row, part = np.nonzero(changes)
-    # Whole lines where no label tells where to look.
+    # Whole lines if no label shows where to search.
     bare = np.flatnonzero(alike[lines.cell] & ~np.any(changes, axis=1))
     low, high = (
         np.concatenate([ends[row, part], whole[bare]])
@@ -280,6 +280,6 @@ def _kinks(lines: CellLines, looked: Looked, alike: np.ndarray) -> tuple[np.ndar
 
 
 def _rule(step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places and factors of the rule of Gauss over a unit."""
+    """Return nodes and factors of the Gauss rule over a unit interval."""
     x, w = np.polynomial.legendre.leggauss(_GAUSS[step % 2])
     return (x + 1) / 2, w / 2

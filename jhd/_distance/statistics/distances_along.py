@@ -17,8 +17,8 @@ from jhd._distance.statistics.quadrature import along, net_of, nodes_of, resolve
 from jhd._distance.statistics.surface_quadrature import resolved_on_surface
 from jhd._runtime.arrays import is_traced, undifferentiated
 
-# The largest coordinate is at least so many times the smallest normal number: what is flushed to zero is then below a
-# ten-millionth of it, less than estimates are off by.
+# The largest coordinate is at least this many times the smallest normal number: flushed numbers are then below a
+# ten-millionth of it, less than the error of estimates.
 _MARGIN = 2**24
 
 
@@ -37,7 +37,7 @@ class Along(NamedTuple):
 
 
 def distances_along(a: Any, b: Any, weights: Any, nodes: int | None) -> tuple[float, Along]:
-    """Distances at points along a times a power of two, so that squares are numbers, and that power."""
+    """Return distances at points along a, times a power of two so that squares are normal numbers, and this power."""
     scale = common_scale(a, b)
     if is_points(a):
         points = a.segments().control_points[:, 0]
@@ -59,19 +59,19 @@ def distances_along(a: Any, b: Any, weights: Any, nodes: int | None) -> tuple[fl
 
 
 def scaled_net(a: Any, scale: float) -> Net:
-    """The pieces of a times the power of two, differentiable."""
+    """Return the pieces of a times the power of two, differentiable."""
     net = net_of(a)
     return Net(net.points * scale, net.weights)
 
 
 def common_scale(a: Any, b: Any) -> float:
-    """The power of two by which the coordinates of both shapes are of about one."""
+    """Return the power of two that brings the coordinates of both shapes to about one."""
     boxes = [np.asarray(end) for shape in undifferentiated((a, b)) for end in shape.bounds]
     return float(scale_of(common_exponent(*boxes), boxes[0].dtype))
 
 
 def check_size(a: Any, b: Any) -> None:
-    """Raises ValueError if what compiled programs take for zero, subnormal numbers, would be seen in an estimate."""
+    """Raise ValueError if subnormal numbers, which compiled functions take for zero, would affect an estimate."""
     largest = max(float(np.max(np.abs(np.asarray(end)))) for x in undifferentiated((a, b)) for end in x.bounds)
     least = _MARGIN * smallest_normal(dtype_of(a))
     if 0 < largest < least:

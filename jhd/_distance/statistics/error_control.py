@@ -15,7 +15,7 @@ from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 
 # Derivatives that may be off by more than this are refused.
 _CONFIRMED = 1e-6
-# The same in units of roundoff.
+# The same bound in units of roundoff.
 _ROUNDINGS = 1e4
 
 
@@ -24,7 +24,7 @@ class Estimated(NamedTuple):
 
     Args:
         value: the number.
-        off: how far its derivative may be off, as a share; infinite where nothing is known.
+        off: bound of the relative error of its derivative; infinite if unknown.
     """
 
     value: Array
@@ -32,18 +32,18 @@ class Estimated(NamedTuple):
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether the derivative is as good as is promised, or none is asked for."""
+        """Return whether the derivative is as accurate as promised, or not requested."""
         roundoff = float(np.finfo(self.value.dtype).eps)
         return not is_traced(self.value) or self.off <= max(_CONFIRMED, _ROUNDINGS * roundoff)
 
     @property
     def is_known(self) -> bool:
-        """Whether the number is known now, though it may be differentiated."""
+        """Return whether the number is known now, though it may be differentiated."""
         return not is_tracing(undifferentiated(self.value))
 
     @property
     def refusal(self) -> str:
-        """What is said of a derivative that is not confirmed."""
+        """Message about a derivative that is not confirmed."""
         known = f"only to a fraction of {self.off:.1g}" if np.isfinite(self.off) else "not at all"
         return (
             f"the derivative of this statistic is confirmed {known}, not to {_CONFIRMED:g}, with the largest number of "
@@ -51,11 +51,11 @@ class Estimated(NamedTuple):
         )
 
     def guarded(self) -> Array:
-        """The value, whose derivative is NaN where it is not confirmed."""
+        """Return the value, with a NaN derivative if it is not confirmed."""
         return self.value if self.is_confirmed else without_derivative(self.value)
 
     def larger(self, other: "Estimated") -> "Estimated":
-        """The larger one: of equal ones both count half, as long as both derivatives are confirmed."""
+        """Return the larger one: equal ones both count half, if both derivatives are confirmed."""
         if (self.is_confirmed and other.is_confirmed) or not (self.is_known and other.is_known):
             return Estimated(jnp.maximum(self.value, other.value), max(self.off, other.off) if self.is_known else 0.0)
         first, second = (float(undifferentiated(x.value)) for x in (self, other))

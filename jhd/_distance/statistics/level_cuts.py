@@ -10,14 +10,14 @@ from jhd._distance.statistics.cut_cells import CellLines, CellNodes, Looked, cut
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells
 from jhd._runtime.arrays import joined, taken
 
-# Parts of a line at whose ends the distance is looked at.
+# Parts of a line at whose ends the distance is evaluated.
 _PARTS = 4
-# Looks for a place beyond the level where the distance turns, and steps of Newton or halvings to where it passes it.
+# Steps to find a point beyond the level where the distance turns, and Newton or bisection steps to the crossing.
 _TURN_STEPS, _LEVEL_STEPS = 8, 40
-# Newton's steps end where they are less than this, or where the distance is the level up to the rounding of distances
-# and of coordinates, which are at most about one.
+# Newton's steps end if they are shorter than this, or if the distance is the level up to the rounding of distances and
+# of coordinates, which are at most about one.
 _STILL, _REACHED = 2.0**-50, 2.0**-51
-# Halvings of cells before corners of the level are looked for, and halvings to these.
+# Halvings of cells before corners of the level are searched, and bisection steps to them.
 _SHARP, _CORNER_HALVINGS = 2, 28
 
 
@@ -25,10 +25,10 @@ class LevelRule(NamedTuple):
     """A rule over cells.
 
     Args:
-        below: places that lie below the level.
-        on: those where lines pass it, with factors of the other parameter alone.
-        axis: of the lines through these.
-        settled: whether all lines of each part of a cell pass the same.
+        below: nodes below the level.
+        on: points where lines cross the level, with factors of the other parameter alone.
+        axis: axes of the lines through these points.
+        settled: whether all lines of each part of a cell cross the same levels.
     """
 
     below: CellNodes
@@ -38,14 +38,14 @@ class LevelRule(NamedTuple):
 
 
 def cut_at_level(cells: ParameterCells, looked: Looked, across: np.ndarray, level: float, step: int) -> LevelRule:
-    """Rules over what lies below the level and along it.
+    """Return rules over the part below the level and along the level.
 
     Args:
-        cells: of a surface.
-        looked: what is seen from it.
+        cells: cells of a surface.
+        looked: the distances from its points.
         across: the axis of the lines of each cell, across the level.
-        level: of the distance.
-        step: by how many halvings the cells came about.
+        level: a distance.
+        step: number of halvings that made the cells.
     """
     halvings = _CORNER_HALVINGS if step >= _SHARP else 0
     cut, settled = cut_lines(cells, across, lambda lines: _passed(lines, looked, level), halvings, step)
@@ -60,13 +60,13 @@ def cut_at_level(cells: ParameterCells, looked: Looked, across: np.ndarray, leve
 
 
 def _passed(lines: CellLines, looked: Looked, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where the distance passes a level along lines, twice at most in each part, and a number for what is passed."""
+    """Return where the distance crosses a level along lines, at most twice in a part, and a number for these."""
     each, places = parts_of(lines, _PARTS)
     seen = looked.along(each, places.ravel())
     ends = [OnLines(*(x.reshape(places.shape)[:, part].ravel() for x in seen)) for part in (slice(-1), slice(1, None))]
     row = np.repeat(np.arange(len(places)), _PARTS)
     beyond = _turned(lines.take(row), looked, level, *ends)
-    # Before and behind what lies beyond, both at once.
+    # Before and behind the point beyond the level, both at once.
     first, last = (joined(x) for x in ((ends[0], beyond), (beyond, ends[1])))
     found = _crossed(lines.take(np.tile(row, 2)), looked, level, first, last)
     place, label = (x.reshape(2, -1).T.reshape(len(places), -1) for x in found)
@@ -77,7 +77,7 @@ def _passed(lines: CellLines, looked: Looked, level: float) -> tuple[np.ndarray,
 
 
 def _turned(lines: CellLines, looked: Looked, level: float, first: OnLines, last: OnLines) -> OnLines:
-    """A place of each line on the other side of the level than both its ends, where there is one; else the start."""
+    """Return a point of each line on the opposite side of the level from both ends, or the start if there is none."""
     found = OnLines(*(x.copy() for x in first))
     side = first.value <= level
     turns = (side == (last.value <= level)) & (first.slope * last.slope < 0) & ((first.slope > 0) == side)
@@ -104,7 +104,7 @@ def _turned(lines: CellLines, looked: Looked, level: float, first: OnLines, last
 def _crossed(
     lines: CellLines, looked: Looked, level: float, first: OnLines, last: OnLines
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the distance passes the level between two places, NaN where it does not, and the label there."""
+    """Return where the distance crosses the level between two points, NaN if it does not, and the label there."""
     found, label = np.full(len(first.place), np.nan), np.full(len(first.place), -1)
     rows = np.flatnonzero((first.value <= level) != (last.value <= level))
     low, high = (taken(end, rows) for end in (first, last))
@@ -116,7 +116,7 @@ def _crossed(
         found[rows], label[rows] = place, at.label
         before = (at.value <= level) == (low.value <= level)
         low, high = chosen(before, at, low), chosen(before, high, at)
-        # Where a kink lies between, the tangent of the other end leads to its branch.
+        # If there is a breakpoint between, the tangent at the opposite end leads to its branch.
         following = 0.5 * (low.place + high.place)
         for end in (chosen(before, high, low), at):
             newton = end.place + (level - end.value) / np.where(end.slope != 0, end.slope, 1.0)

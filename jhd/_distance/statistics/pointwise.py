@@ -32,29 +32,28 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 
-# Bounds may stay apart by this share of the size; about so many parts are made of all pieces of a surface.
+# Bounds may differ by this fraction of the size; the pieces of a surface are cut into about this many parts in all.
 _CLOSE, _PARTS = 2.0**-27, 64
-# Most places that are looked at: what takes a tenth of a millisecond each on surfaces takes less on curves, and some
-# microseconds elsewhere.
+# Largest number of evaluated points: on surfaces a point may take a tenth of a millisecond, on curves less, and
+# elsewhere some microseconds.
 _MOST, _MOST_ON_CURVES, _MOST_ON_SURFACES = 1 << 18, 1 << 16, 1 << 15
 # A distance up to this, in units of roundoff of coordinates of at most one, is not told from zero without a proof.
 _NOTHING = 256
-# As many times as many where a derivative is to be confirmed, which jumps where feet do and the distance does not.
+# Factor for derivatives that are to be confirmed: they jump where feet jump, but the distance does not.
 _PATIENCE = 4
-# The label of what is at distance zero; others are not negative.
+# The label of points at distance zero; other labels are not negative.
 _NO_PART = -2
 
 
 class Seen(NamedTuple):
-    """What is seen at places: distances, unit vectors away from the feet, slopes along the parameters, density.
+    """Data at points: distances, unit vectors away from the feet, slopes along the parameters, density.
 
     Args:
-        distance: to the nearest foot, or to a near one.
+        distance: distance to the nearest foot, or to a nearly nearest one.
         normal: (places, dim); zero at distance zero.
         slope: (places, parameters).
         density: length or area per parameter.
-        label: which smooth part of the shape holds the foot, as a number: of two such parts they differ. At distance
-            zero that is no part.
+        label: number of the smooth part of the shape that holds the foot; a negative number at distance zero.
     """
 
     distance: Float[np.ndarray, " places"]
@@ -65,12 +64,12 @@ class Seen(NamedTuple):
 
 
 class Sight:
-    """Distances to b, whose numbers are known, from places given in another unit.
+    """Distances to b, whose numbers are known, from points in another unit.
 
     Args:
         b: the shape.
-        scale: a power of two; places and answers are multiplied with it.
-        derived: whether derivatives are asked for.
+        scale: a power of two; points and results are multiplied by it.
+        derived: whether derivatives are requested.
     """
 
     def __init__(self, b: Any, scale: float, derived: bool):
@@ -89,13 +88,13 @@ class Sight:
         self.most = (_MOST if is_points(b) or isinstance(b, TriangleMesh) else few) * (_PATIENCE if derived else 1)
 
     def feet(self, points: np.ndarray) -> ProvenFeet | Projection:
-        """The nearest feet of points, in the unit of b."""
+        """Return the nearest feet of points, in the unit of b."""
         # Known numbers need nothing of a derivative that is being taken around.
         with eval_context():
             if self._target is None:
                 return project(points, self.b, throw=False)
             found = self._target.nearest(points, close=self._close)
-            # What may be at distance zero is looked at to the end.
+            # Points that may be at distance zero are resolved to the end.
             maybe = (found.lower <= 0) & told_from_zero(found, self.scale)
             if np.any(maybe):
                 closer = self._target.nearest(points[maybe])
@@ -109,7 +108,7 @@ class Sight:
         return found._replace(segment=piece, t=(corner + found.t) / self._cuts)
 
     def _seen(self, points: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray]:
-        """What is nearest to points, the distances, and the points less their feet, both times the scale."""
+        """Return the nearest feet, the distances, and the points minus their feet, both times the scale."""
         own = np.asarray(points) / self.scale
         found = self.feet(own)
         told = told_from_zero(found, self.scale)
@@ -118,7 +117,7 @@ class Sight:
         return found, np.where(told, np.asarray(found.distance) * self.scale, 0.0), np.where(told[:, None], apart, 0.0)
 
     def at(self, net: Net, nodes: Nodes) -> Seen:
-        """What is seen from places of a known net."""
+        """Return the data seen from points of a known net."""
         if len(nodes.piece) == 0:
             nothing = np.zeros(0)
             shapes = np.zeros((0, net.dim)), np.zeros((0, net.parameters))
@@ -132,7 +131,7 @@ class Sight:
         return Seen(distance, normal, slope, density, label)
 
     def _labels(self, found: Any) -> np.ndarray:
-        """The vertex, edge or face of a mesh, the inside, side or corner of a piece, or the faces of a box."""
+        """Return labels: vertex, edge or face of a mesh; inside, side or corner of a piece; faces of a box."""
         foot, segment, t = (np.asarray(x) for x in (found.foot, found.segment, found.t))
         segment = segment.astype(np.int64)
         if isinstance(self.b, TriangleMesh):
@@ -144,7 +143,7 @@ class Sight:
         return 27 * segment + ends @ 3 ** np.arange(ends.shape[1])
 
     def moving(self, points: Array, b: Any) -> Array:
-        """Distances of places to b, differentiable in both."""
+        """Return distances of points to b, differentiable in both."""
         own = points / self.scale
         if isinstance(b, AbstractPatch | ImplicitSurface):
             found = self.feet(np.asarray(undifferentiated(own)))
@@ -156,7 +155,7 @@ class Sight:
 
 
 def told_from_zero(found: Any, scale: float) -> np.ndarray:
-    """Whether distances, known now, are proven to be positive, or more than rounding leaves of coordinates.
+    """Return whether known distances are proven positive, or exceed the rounding of coordinates.
 
     Args:
         found: the nearest points.
@@ -167,7 +166,7 @@ def told_from_zero(found: Any, scale: float) -> np.ndarray:
 
 
 def _cut(net: Net, count: int) -> Net:
-    """Each piece as so many parts along each parameter."""
+    """Return each piece cut into equal parts along each parameter."""
     pieces = len(net.points)
     low = np.tile(np.array(list(np.ndindex(count, count))) / count, (pieces, 1))
     return jax.tree_util.tree_map(np.asarray, _parts(net, np.repeat(np.arange(pieces), count**2), low, 1 / count))

@@ -1,11 +1,11 @@
 """Integrals of the distance to b along a, differentiable: nodes on a, placed by an adaptive pass, and weights.
 
 The parameter cells of a are halved until a Lobatto rule over a cell and over its parts agree, for the distance, its
-square, and the direction away from the foot, to what the rounding of coordinates leaves of each. Where the foot jumps
-the distance has a breakpoint; cells about it are cut until their error vanishes, so on curves value and derivatives are
-accurate nearly to rounding. A rule without nodes at the ends of a cell would miss a breakpoint next to them. On
-surfaces, creases are whole curves (jhd._distance.statistics.surface_quadrature). There this file serves a given number
-of nodes, which ends the refinement; if there is no room for parts, rules of Gauss need fewer nodes.
+square, and the direction away from the foot, up to the rounding of coordinates. The distance has a breakpoint where the
+foot jumps; cells about it are cut until their error vanishes, so on curves value and derivatives are accurate nearly to
+rounding. A rule without nodes at the ends of a cell would miss a breakpoint next to them. On surfaces, creases are
+whole curves (jhd._distance.statistics.surface_quadrature). There this file serves a given number of nodes, which ends
+the refinement; if there is no room for parts, rules of Gauss need fewer nodes.
 """
 
 from collections.abc import Callable
@@ -25,19 +25,20 @@ from jhd._runtime.compiled import optimized
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.mesh import TriangleMesh
 
-# Places of a rule along each parameter of a curve and of a surface, and of one for as many pieces as there is room for.
+# Nodes of a rule along each parameter of a curve and of a surface, and smaller numbers for many pieces.
 _ON_CURVES, _ON_SURFACES, _COARSE = 9, 4, (3, 2, 1)
-# Halves of a cell in all, and most places on curves and on surfaces, to which projections may take a millisecond each.
+# Halvings of a cell in all, and the largest number of nodes on curves and on surfaces, where a projection may take a
+# millisecond.
 _HALVINGS, _MOST_PLACES = 26, {1: 1 << 17, 2: 1 << 13}
-# A cell is done where a rule over it and over its parts differ by this share of the integral, on curves and surfaces.
+# A cell is done if a rule over it and over its parts differ by this fraction of the integral, on curves and surfaces.
 _AGREED = {1: 1e-13, 2: 1e-10}
-# The same of the direction, as a share of the length or area.
+# The same for the direction, as a fraction of the length or area.
 _DIRECTED = 1e-9
-# What rounding leaves of distances, in units of roundoff of coordinates of at most one.
+# Rounding errors of distances, in units of roundoff of coordinates of at most one.
 _ROUNDINGS = 64
-# Directions are not known where distances are positive but no more than this in the mean, in the same units.
+# Directions are unknown if distances are positive but on average at most this, in the same units.
 _UNKNOWN = 1 << 14
-# Numbers of places that programs are compiled for.
+# Numbers of nodes that are compiled.
 _PADDED = (64, 512, 1 << 13, 1 << 17, 1 << 18)
 
 
@@ -52,12 +53,12 @@ class ParameterCells(NamedTuple):
 
 
 class Resolved(NamedTuple):
-    """Cells over which rules agree with those over their parts.
+    """Cells over which rules agree with the rules over their parts.
 
     Args:
-        cells: of the parameters.
-        count: places of the rule along each.
-        left: share of the length or area in cells where they do not: feet may jump there.
+        cells: cells of the parameters.
+        count: nodes of the rule along each parameter.
+        left: fraction of the length or area in cells without agreement: feet may jump there.
     """
 
     cells: ParameterCells
@@ -66,7 +67,7 @@ class Resolved(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Places along a shape: pieces, parameters (places, parameters), and the factor that each counts with."""
+    """Nodes along a shape: pieces, parameters (places, parameters), and the factor of each."""
 
     piece: Int[np.ndarray, " places"]
     t: Float[np.ndarray, "places parameters"]
@@ -74,9 +75,9 @@ class Nodes(NamedTuple):
 
 
 def net_of(shape: Any) -> Net:
-    """A curve, a parametric surface or a mesh as pieces, differentiable in the shape."""
+    """Return a curve, a parametric surface or a mesh as pieces, differentiable in the shape."""
     if isinstance(shape, TriangleMesh):
-        # A triangle is a patch with one collapsed edge: along u from a corner, along v beside the edge across.
+        # A triangle is a patch with one collapsed edge: along u from a corner, along v next to the opposite edge.
         corners = shape.vertices[shape.triangles]
         first, second, third = (corners[:, k] for k in range(3))
         return Net(jnp.stack([jnp.stack([first, first], 1), jnp.stack([second, third], 1)], 1), None)
@@ -89,21 +90,21 @@ def net_of(shape: Any) -> Net:
 
 
 def whole(net: Net) -> ParameterCells:
-    """One cell for each piece."""
+    """Return one cell for each piece."""
     ends = np.zeros((net.points.shape[0], net.parameters))
     return ParameterCells(np.arange(len(ends)), ends, ends + 1)
 
 
 @lru_cache
 def _lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places and weights of the rule with so many places, both ends among them."""
+    """Return nodes and weights of the Lobatto rule with `count` nodes, which include both ends."""
     top = np.polynomial.legendre.Legendre.basis(count - 1)
     x = np.concatenate([[-1.0], np.sort(top.deriv().roots().real), [1.0]])
     return x, 2 / (count * (count - 1) * top(x) ** 2)
 
 
 def nodes_of(cells: ParameterCells, count: int) -> Nodes:
-    """The places of a rule with so many along each parameter, cell after cell; of Lobatto from four on."""
+    """Return the nodes of a rule with `count` along each parameter, cell after cell; a Lobatto rule from four on."""
     x, w = _lobatto(count) if count > max(_COARSE) else np.polynomial.legendre.leggauss(count)
     n = cells.low.shape[1]
     places = np.stack([g.ravel() for g in np.meshgrid(*[(x + 1) / 2] * n, indexing="ij")], axis=-1)
@@ -115,7 +116,7 @@ def nodes_of(cells: ParameterCells, count: int) -> Nodes:
 
 
 def halved(cells: ParameterCells) -> ParameterCells:
-    """Each cell as two or four parts, in their order."""
+    """Return each cell as two or four parts, in their order."""
     n = cells.low.shape[1]
     middle = 0.5 * (cells.low + cells.high)
     parts = np.array(list(np.ndindex(*[2] * n)), bool)
@@ -125,16 +126,16 @@ def halved(cells: ParameterCells) -> ParameterCells:
 
 
 def resolved(net: Net, see: Callable[[Net, "Nodes"], Any], most: int | None = None) -> "Resolved":
-    """ParameterCells over which rules with some places along each parameter agree with those over their parts.
+    """Return cells over which rules with some nodes along each parameter agree with the rules over their parts.
 
     Args:
         net: the pieces, known.
-        see: what is seen from places of the net, whose coordinates are at most one
+        see: returns the data seen from points of the net, whose coordinates are at most one
             (jhd._distance.statistics.pointwise).
-        most: places in all, at most, but one for each piece; None for as many as serve.
+        most: largest number of nodes in all, but at least one for each piece; None for a fixed limit.
 
     Returns:
-        The cells, the number of places along each parameter, and how far derivatives of what they sum may be off.
+        The cells, the number of nodes along each parameter, and a bound of the relative error of derivatives of sums.
     """
     cells = whole(net)
     most = _MOST_PLACES[net.parameters] if most is None else most
@@ -165,12 +166,12 @@ def resolved(net: Net, see: Callable[[Net, "Nodes"], Any], most: int | None = No
 
 
 def _integrals(net: Net, see: Callable[[Net, Nodes], Any], cells: ParameterCells, count: int) -> np.ndarray:
-    """Of one, the distance, its square and the direction over each cell, and what rounding leaves of the latter."""
+    """Integrals of 1, the distance, its square and the direction over each cell, and the direction's rounding."""
     nodes = nodes_of(cells, count)
     seen = see(net, nodes)
     d, each = seen.distance, count**net.parameters
     noise = np.minimum(_ROUNDINGS * float(np.finfo(d.dtype).eps) / np.where(d > 0, d, np.inf), 1.0).reshape(-1, each)
-    # Where the foot jumps the direction does, by more than rounding; where shapes cross or part it turns or vanishes.
+    # Where the foot jumps, the direction jumps by more than rounding; where shapes cross or part, it turns or vanishes.
     normal, label = seen.normal.reshape(len(noise), each, -1), seen.label.reshape(len(noise), -1)
     spread = np.max(np.sum((normal - normal[:, :1]) ** 2, axis=2), axis=1) ** 0.5
     several = np.any(label != label[:, :1], axis=1) & (spread > 2 * np.max(noise, axis=1))
@@ -183,7 +184,7 @@ def _integrals(net: Net, see: Callable[[Net, Nodes], Any], cells: ParameterCells
 
 
 def _allowed(total: np.ndarray, values: np.ndarray, parameters: int) -> np.ndarray:
-    """By how much integrals over cells may differ from those over their parts, all but the last."""
+    """Return the allowed differences between integrals over cells and over their parts, all but the last."""
     rounded = _ROUNDINGS * float(np.finfo(values.dtype).eps)
     least = _AGREED[parameters] * total[:3]
     room = rounded * np.column_stack([0 * values[:, 0], values[:, 0], 2 * values[:, 1]])
@@ -192,21 +193,21 @@ def _allowed(total: np.ndarray, values: np.ndarray, parameters: int) -> np.ndarr
 
 
 def along(net: Net, nodes: Nodes) -> tuple[Array, Array, Array]:
-    """Points of a shape at nodes, its speed or area per parameter and its first derivatives there, differentiable."""
+    """Return points of a shape at nodes, its speed or area per parameter and its first derivatives, differentiable."""
     points, density, first = _along(net, *map(jnp.asarray, _padded(nodes)))
     count = len(nodes.piece)
     return points[:count], density[:count], first[:count]
 
 
 def known_along(net: Net, nodes: Nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same of a shape whose numbers are known, in NumPy, at a small part of the cost of each call."""
+    """Return the results of `along` for a known shape, in NumPy, at a small part of the cost of each call."""
     with eval_context():
         points, density, first = (np.asarray(x)[: len(nodes.piece)] for x in _along(net, *_padded(nodes)))
     return points, density, first
 
 
 def _padded(nodes: Nodes) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces and parameters of so many nodes as programs are compiled for."""
+    """Return pieces and parameters padded to a number of nodes that is compiled."""
     count = len(nodes.piece)
     more = next((size for size in _PADDED if size >= count), count) - count
     t = np.pad(nodes.t, ((0, more), (0, 0)), constant_values=0.5)

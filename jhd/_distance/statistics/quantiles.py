@@ -1,11 +1,11 @@
 """Quantiles of the distance along a shape, with derivatives: levels below which a fraction of its length or area lies.
 
-With M(Q) the length or area of the part with d <= Q, and L that of the whole, the quantile solves M(Q) = q L. A point
-with d = Q moves with the shapes, by the change of d there over the slope of d. So each point at which a line of a cut
-rule crosses the level counts with w = density / slope, and dQ = (q dL - dM + sum w dd) / sum w, where dM is the
-derivative of M at fixed parameters. The lines run across the cells of a surface; those of a curve are its cells
-themselves. Only cells that the level may cross are examined closely: the distance changes by no more than the point
-moves.
+With M(Q) the length or area of the part with d <= Q, and L the length or area of the whole, the quantile solves
+M(Q) = q L. A point with d = Q moves with the shapes, by the change of d there over the slope of d. So each point at
+which a line of a cut rule crosses the level counts with w = density / slope, and dQ = (q dL - dM + sum w dd) / sum w,
+where dM is the derivative of M at fixed parameters. The lines run across the cells of a surface; on a curve the lines
+are the cells themselves. Only cells that the level may cross are examined closely: the distance changes by no more than
+the point moves.
 """
 
 from typing import Any, NamedTuple
@@ -24,32 +24,32 @@ from jhd._distance.statistics.pointwise import Sight
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells, along, halved, known_along, nodes_of, whole
 from jhd._runtime.arrays import joined, undifferentiated
 
-# Places of the rule along each parameter where no curve cuts, and halvings of pieces to begin with at most.
+# Nodes of the rule along each parameter if no curve cuts, and largest number of initial halvings of pieces.
 _RULE, _FIRST = 6, 3
-# How far the share of the measure and the density of the level may be off in each of Newton's steps, on curves and on
-# surfaces.
+# Allowed errors of the fraction of the measure and of the density of the level in each of Newton's steps, on curves and
+# on surfaces.
 _OFF = {
     1: ((1e-3, 1e-2), (1e-6, 1e-3), *((1e-13, 1e-10),) * 5),
     2: ((1e-3, 1e-2), (1e-6, 1e-3), *((1e-10, 1e-8),) * 5),
 }
-# More than this many times that is surely off; and what may be missing of the share in the end.
+# More than this many times the allowed error is surely off; and the error of the fraction allowed at the end.
 _SURE, _REACHED = 10.0, {1: 1e-12, 2: 1e-7}
-# What rounding leaves of these, in units of roundoff.
+# Rounding errors of these, in units of roundoff.
 _ROUNDINGS = 64
 # Halvings of a cell in each.
 _HALVINGS = {1: 26, 2: 14}
-# Cells may be this much larger than the places of a rule in them say.
+# Cells may be this much larger than the nodes of a rule in them show.
 _BULGE = 1.1
-# The level is none where the share below it is off by this in the end: a whole region is as far.
+# There is no level if the fraction below it is off by this at the end: a whole region is equally far.
 _PLATEAU = 1e-4
-# The share of places nearest to the level that stand for those on it, and halvings for it.
+# The fraction of points nearest to the level that replace the points on it, and bisection steps for it.
 _BESIDE, _BISECTIONS = 0.02, 80
-# Distances that differ by less than this share are the same.
+# Distances that differ by less than this fraction are equal.
 _SAME = 1e-8
 
 
 class _MeasuredCells(NamedTuple):
-    """Cells with their measures, the distance from their middles, and how far these are from any place in them."""
+    """Cells, their measures, the distances from their middles, and bounds of the distance of points to the middle."""
 
     cells: ParameterCells
     size: np.ndarray
@@ -57,19 +57,19 @@ class _MeasuredCells(NamedTuple):
     radius: np.ndarray
 
     def passed(self, level: float) -> np.ndarray:
-        """Whether the level may pass each."""
+        """Return whether the level may cross each cell."""
         return np.abs(self.distance - level) <= self.radius
 
 
 class _Below(NamedTuple):
-    """What lies below a level.
+    """The part of a shape below a level.
 
     Args:
         size: its length or area.
-        slope: the change of that with the level.
-        inside: places and factors over all that lies below.
-        met: places on the level, with the factor that each counts with.
-        off: by what rules over cells still differ from those over their parts, as a share.
+        slope: derivative of the size in the level.
+        inside: nodes over the whole part below.
+        met: points on the level, with their factors.
+        off: relative difference that remains between rules over cells and over their parts.
     """
 
     size: float
@@ -80,16 +80,16 @@ class _Below(NamedTuple):
 
 
 def quantile_over(net: Net, sight: Sight, b: Any, q: float, steps: int | None = None) -> Estimated | None:
-    """The quantile over a curve or a surface, None where a surface has too many pieces.
+    """Return the quantile over a curve or a surface; None if a surface has too many pieces.
 
-    Where a whole region is as far, the derivative is that of the places there.
+    If a whole region is equally far, the derivative is taken over the points there.
 
     Args:
         net: the pieces, differentiable.
-        sight: of the other shape.
+        sight: the distances to the other shape.
         b: the other shape, differentiable.
-        q: the share.
-        steps: of Newton at most for the level; few where derivatives need not be confirmed.
+        q: the fraction.
+        steps: largest number of Newton steps for the level; few if derivatives need not be confirmed.
     """
     known: Net = undifferentiated(net)
     looked = Looked(known, sight)
@@ -109,7 +109,7 @@ def quantile_over(net: Net, sight: Sight, b: Any, q: float, steps: int | None = 
     low, high = float(np.min(base.distance - base.radius)), float(np.max(base.distance + base.radius))
     below, passed = None, False
     least = _ROUNDINGS * float(np.finfo(net.points.dtype).eps)
-    # At level zero what lies on it has no slope.
+    # At level zero, points on the level have no slope.
     for off in _OFF[n][:steps] if level > 0 else ():
         below = _below(base, looked, level, (max(off[0], least), max(off[1], least)), total)
         passed = below.slope > 0 and bool(np.isfinite(below.slope))
@@ -137,7 +137,7 @@ def _size(net: Net, nodes: Nodes) -> Array:
 
 
 def _settled(net: Net, cells: ParameterCells) -> ParameterCells:
-    """Cells of a curve, halved until the length over each agrees with that over its halves."""
+    """Return cells of a curve, halved until the length over each agrees with the length over its halves."""
     done, sizes, total = [], _sizes(net, cells), np.inf
     for _ in range(_HALVINGS[1]):
         finer = halved(cells)
@@ -171,11 +171,11 @@ class _LevelCells(NamedTuple):
     """Rules over cells that a level may cut.
 
     Args:
-        values: of each, its length or area below the level, the change of that with it, and this times the directions
-            from the feet.
-        inside: places of the rule that lie below.
-        met: places where lines pass the level.
-        settled: whether what is summed is smooth in each part of a cell.
+        values: for each cell, its length or area below the level, the derivative of this in the level, and this times
+            the directions from the feet.
+        inside: nodes of the rule that lie below.
+        met: points at which lines cross the level.
+        settled: whether the integrand is smooth in each part of a cell.
     """
 
     values: np.ndarray
@@ -184,12 +184,12 @@ class _LevelCells(NamedTuple):
     settled: np.ndarray
 
     def take(self, rows: np.ndarray) -> "_LevelCells":
-        """Those of some cells, given by a mask."""
+        """Return the cells in a mask."""
         return _LevelCells(self.values[rows], self.inside.of(rows), self.met.of(rows), self.settled[rows])
 
 
 def _below(base: _MeasuredCells, looked: Looked, level: float, off: tuple[float, float], total: float) -> _Below:
-    """What lies below a level, by rules over cells that agree with those over their parts."""
+    """Return the part below a level, by rules over cells that agree with the rules over their parts."""
     passed, lies = base.passed(level), base.distance < level
     found = _Below(0.0, 0.0, [], [], np.inf)
     found = _with_whole(found, base, ~passed & lies)
@@ -223,6 +223,7 @@ def _below(base: _MeasuredCells, looked: Looked, level: float, off: tuple[float,
 
 
 def _cut(cells: ParameterCells, looked: Looked, level: float, step: int) -> _LevelCells:
+    """Return rules over cells that are cut at `level`, with their measures below it and derivatives in it."""
     count = len(cells.piece)
     if count == 0:
         nothing = CellNodes(nodes_of(cells, _RULE), np.zeros(0, int))
@@ -242,7 +243,7 @@ def _cut(cells: ParameterCells, looked: Looked, level: float, step: int) -> _Lev
 
 
 def _across(cells: ParameterCells, looked: Looked) -> np.ndarray:
-    """The parameter along which the distance changes most over each cell."""
+    """Return the parameter along which the distance changes most over each cell."""
     count, n = cells.low.shape
     if n == 1:
         return np.zeros(count, int)
@@ -253,20 +254,20 @@ def _across(cells: ParameterCells, looked: Looked) -> np.ndarray:
 
 
 def _with_whole(found: _Below, cells: _MeasuredCells, below: np.ndarray) -> _Below:
-    """The same with some whole cells that lie below the level."""
+    """Return the part with additional whole cells below the level."""
     size = found.size + float(np.sum(cells.size[below]))
     return found._replace(size=size, inside=[*found.inside, nodes_of(cells.cells.take(below), _RULE)])
 
 
 def _with(found: _Below, known: _LevelCells) -> _Below:
-    """The same with what cut cells say."""
+    """Return the part with the contributions of cut cells."""
     size, slope = np.sum(known.values[:, :2], axis=0)
     inside, met = [*found.inside, known.inside.nodes], [*found.met, known.met.nodes]
     return _Below(found.size + float(size), found.slope + float(slope), inside, met, found.off)
 
 
 def quantile_of(distance: Any, weight: Any, q: float) -> tuple[int, float]:
-    """The place whose distance is the quantile of known distances at places that count so much, and that distance."""
+    """Return the index of the point whose distance is the weighted quantile, and this distance."""
     d, w = (np.asarray(undifferentiated(x)) for x in (distance, weight))
     order = np.argsort(d, kind="stable")
     k = order[first_reaching(w[order], q)]
@@ -274,15 +275,15 @@ def quantile_of(distance: Any, weight: Any, q: float) -> tuple[int, float]:
 
 
 def quantile_beside(distance: Array, weight: Array, q: float) -> Estimated:
-    """The quantile of distances at many places, smoothed: each counts as spread evenly over a narrow band about it.
+    """Return the quantile of distances at many points, smoothed: each is spread evenly over a narrow band around it.
 
-    The derivative is that of this level. It lies off the quantile by the order of the squared width of the band, and
-    is confirmed only where that has none, as many places are as far.
+    The derivative belongs to this level, which differs from the quantile by the order of the squared width of the band.
+    It is confirmed only if the band has no width, because many points are equally far.
 
     Args:
-        distance: differentiable.
-        weight: what each place counts, differentiable.
-        q: the share.
+        distance: the distances, differentiable.
+        weight: weights of the points, differentiable.
+        q: the fraction.
     """
     _, level = quantile_of(distance, weight, q)
     d, w = (np.asarray(undifferentiated(x)) for x in (distance, weight))

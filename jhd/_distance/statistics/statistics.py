@@ -42,7 +42,7 @@ from jhd._shapes.checks import Numbers, optional_array
 from jhd._shapes.curve import AbstractCurve
 from jhd._triangles.closest_point import outward
 
-# Newton's steps for the level of a quantile where the number of nodes is given.
+# Newton's steps for the level of a quantile if the number of nodes is given.
 _FEW_STEPS = 3
 
 
@@ -79,7 +79,7 @@ def _directed(given: bool) -> bool:
 
 
 def check_statistic(statistic: object) -> None:
-    """Raises TypeError unless it is a statistic or None."""
+    """Raise TypeError unless it is a statistic or None."""
     if statistic is None or isinstance(statistic, AbstractStatistic):
         return
     came = f"the class {statistic.__name__}: call it" if isinstance(statistic, type) else repr(statistic)
@@ -180,44 +180,44 @@ class AbstractStatistic(eqx.Module):
         return found.value
 
     def _checked(self, a: Any, b: Any, weights: Any) -> tuple[Any, Any, Any]:
-        """Both shapes and the weights, all that can be refused before values are known."""
+        """Return both shapes and the weights after all checks that need no values."""
         a, b = taken_as("a", a), taken_as("b", b)
         if not isinstance(self, MaxDistance):
             check_kinds(a, b, self.directed)
         return a, b, checked_weights(a, self.weights if weights is None else weights)
 
     def _estimated(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
-        """The value alone, in one direction or both."""
+        """Return the value alone, in one direction or both."""
         ways = [(a, b, weights)] if self.directed else [(a, b, weights), (b, a, None)]
         found = [self._value(a, b, counts, nodes) for a, b, counts in ways]
-        # Of so many nodes as are asked for the derivative is what it is.
+        # With a requested number of nodes, the derivative counts as confirmed.
         found = found if nodes is None else [x._replace(off=0.0) for x in found]
         return found[0] if self.directed else found[0].larger(found[1])
 
     def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> "_Directed":
-        """The directed statistic."""
+        """Return the directed statistic."""
         *known, counts = undifferentiated((a, b, weights))
         found = deviation(*known, atol=atol, rtol=rtol, quantile=getattr(self, "q", None), weights=counts, throw=False)
         bounds = self._bounds(found)
         value, off = self._value(a, b, weights, None)
         lower, upper = _rounded_outward(bounds, np.dtype(value.dtype))
         inside = jnp.asarray(_within(bounds, np.asarray(undifferentiated(value))))
-        # Compiled programs take subnormal numbers for zero.
+        # Compiled functions take subnormal numbers for zero.
         value = carrying(inside, value) if is_traced(value) else inside
         solution = StatisticSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result)
         return _Directed(solution, Estimated(value, off), found.reached(getattr(self, "q", None)))
 
     @abstractmethod
     def _bounds(self, found: Deviation) -> Bounds:
-        """Its bounds."""
+        """Return the bounds of the statistic."""
 
     @abstractmethod
     def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
-        """The value, differentiable in both shapes."""
+        """Return the value, differentiable in both shapes."""
 
 
 class _Directed(NamedTuple):
-    """A statistic, its value with what is known of its derivative, and all bounds that were to be closed."""
+    """A statistic, its value with the accuracy of its derivative, and all bounds that were to be closed."""
 
     solution: StatisticSolution
     value: Estimated
@@ -332,7 +332,7 @@ class QuantileDistance(AbstractStatistic):
         return beside._replace(value=beside.value / scale)
 
     def _level(self, a: Any, b: Any, nodes: int | None) -> Estimated | None:
-        """The quantile by the points where the distance passes it, if it can be told by these."""
+        """Return the quantile by the points where the distance crosses it; None if these do not determine it."""
         if not isinstance(a, AbstractCurve) and nodes is not None:
             return None
         scale = common_scale(a, b)
@@ -342,24 +342,24 @@ class QuantileDistance(AbstractStatistic):
 
 
 def _rounded_outward(bounds: Bounds, dtype: np.dtype) -> tuple[Array, Array]:
-    """Bounds in double precision as arrays of the precision of the shapes."""
+    """Return bounds in double precision as arrays of the precision of the shapes, rounded outward."""
     ends = (bounds.lower, -1), (bounds.upper, 1)
     return tuple(jnp.asarray(outward(np.asarray(x), 0, dtype, sign)) for x, sign in ends)  # pyright: ignore[reportReturnType]
 
 
 def _within(bounds: Bounds, value: np.ndarray) -> np.ndarray:
-    """The value where it lies between the bounds, else the nearest one, or their middle where it is no number."""
+    """Return the value clipped to the bounds, or their middle if it is NaN."""
     known = np.where(np.isnan(value), bounds.value, value)
     return np.asarray(np.clip(known, bounds.lower, bounds.upper), value.dtype)
 
 
 def _is_hidden(*values: Any) -> bool:
-    """Whether numbers are known only when a program runs; what is differentiated outside of one is known."""
+    """Return whether numbers are known only when a compiled function runs; differentiation alone hides nothing."""
     return is_tracing(undifferentiated([x for x in jax.tree_util.tree_leaves(values) if eqx.is_array(x)]))
 
 
 def _with_weights(a: Any, b: Any, weights: Any) -> tuple[Any, dict[str, Any]]:
-    """What a program may differentiate, and the options: weights that are known stay as they are."""
+    """Return the arguments that may be differentiated, and the options: weights that are known stay unchanged."""
     return ((a, b, weights), {"weights": None}) if is_traced(weights) else ((a, b, None), {"weights": weights})
 
 
@@ -379,16 +379,16 @@ def _throw_unless_confirmed(value: Estimated, solution: Any) -> None:
 
 
 def _refused(dtype: Any) -> StatisticSolution:
-    """What is said of shapes that are none."""
+    """Return the result for invalid shapes."""
     unknown, nothing = jnp.asarray(jnp.inf, dtype), jnp.asarray(0.0, dtype)
     return StatisticSolution(unknown, nothing, unknown, DIRECTIONS.a_to_b, RESULTS.nonfinite_value)
 
 
 def _larger(first_way: _Directed, second_way: _Directed) -> _Directed:
-    """The larger of both directions: its value and direction, with the larger of both bounds."""
+    """Return the larger of both directions: its value and direction, with the larger of both bounds."""
     there, back = first_way.solution, second_way.solution
     known = undifferentiated((there, back))
-    # Compiled programs take subnormal numbers for zero.
+    # Compiled functions take subnormal numbers for zero.
     host = not is_tracing([x.value for x in known])
     values, lowers, uppers = ([getattr(x, name) for x in known] for name in ("value", "lower", "upper"))
     if host:
@@ -397,7 +397,7 @@ def _larger(first_way: _Directed, second_way: _Directed) -> _Directed:
     first = jnp.asarray(values[0] >= values[1])
     result = result_where(there.result == RESULTS.successful, back.result, there.result)
     lower, upper = (jnp.asarray(largest(*pair)) for pair in (lowers, uppers))
-    # On the host the other one is left out, whose derivative may not be confirmed.
+    # On the host the smaller one is left out, whose derivative may not be confirmed.
     value = Estimated(jnp.where(first, there.value, back.value), 0.0)
     value = (first_way if first else second_way).value if host else value
     direction = DIRECTIONS.where(first, there.direction, back.direction)

@@ -16,17 +16,17 @@ from jhd._distance.statistics.pointwise import Seen, Sight
 from jhd._distance.statistics.quadrature import Nodes, ParameterCells, halved, nodes_of, whole
 from jhd._runtime.arrays import joined
 
-# Places of the rule along each parameter.
+# Nodes of the rule along each parameter.
 _RULE = 6
 # Halvings before all rules are cut, and in all.
 _PLAIN, _HALVINGS = 5, 16
-# Where cells see one label, so many places along the border of a piece are looked at for another.
+# In cells that see one label, this many points along the border of a piece are searched for another label.
 _BESIDE = 128
 # No label.
 _SEVERAL = -1
-# A cell is done where rules over it and its parts differ by this share of the integral.
+# A cell is done if rules over it and its parts differ by this fraction of the integral.
 _AGREED = 1e-8
-# What rounding leaves of that, in units of roundoff.
+# Rounding error of this, in units of roundoff.
 _ROUNDINGS = 64
 
 
@@ -34,10 +34,10 @@ class _Rule(NamedTuple):
     """Rules over cells.
 
     Args:
-        places: all of them.
-        values: what they say of each cell.
-        label: of the feet, or _SEVERAL.
-        smooth: whether all is smooth in each part of the cells.
+        places: all nodes.
+        values: integrals over each cell.
+        label: label of the feet, or _SEVERAL.
+        smooth: whether the integrand is smooth in each part of the cells.
     """
 
     places: CellNodes
@@ -50,13 +50,13 @@ class _Rule(NamedTuple):
 
 
 def resolved_on_surface(net: Net, sight: Sight) -> tuple[Nodes, float] | None:
-    """Places over a surface with factors, and by what share rules still differ from those over parts.
+    """Return nodes over a surface with factors, and the relative difference between rules over cells and over parts.
 
-    None where even rules over whole pieces take more places than there may be.
+    None if even rules over whole pieces need more nodes than allowed.
 
     Args:
         net: the pieces, known.
-        sight: what is seen of the other shape.
+        sight: the distances to the other shape.
     """
     looked = Looked(net, sight)
     cells = whole(net)
@@ -88,7 +88,7 @@ def resolved_on_surface(net: Net, sight: Sight) -> tuple[Nodes, float] | None:
 
 
 def _ruled(cells: ParameterCells, looked: Looked, step: int) -> _Rule:
-    """Rules over cells, cut where several branches of the distance are seen, or everywhere."""
+    """Return rules over cells, cut if several branches of the distance are seen, or everywhere."""
     count = len(cells.piece)
     nodes = nodes_of(cells, _RULE)
     seen = looked.at(nodes)
@@ -110,7 +110,7 @@ def _ruled(cells: ParameterCells, looked: Looked, step: int) -> _Rule:
 
 
 def _overlooked(cells: ParameterCells, rule: _Rule, looked: Looked, agreed: np.ndarray, labels: set[int]) -> np.ndarray:
-    """Whether a label is seen from the borders of cells, four of each, that no place of the rules there sees."""
+    """Return whether from the borders of a cell's four parts a label is seen that no node of the rules there sees."""
     rows = np.flatnonzero(np.repeat(agreed, 4) & (rule.label != _SEVERAL))
     if len(labels) < 2 or len(rows) == 0:
         return np.zeros(len(agreed), bool)
@@ -129,14 +129,14 @@ def _overlooked(cells: ParameterCells, rule: _Rule, looked: Looked, agreed: np.n
 
 
 def _kinked(seen: Seen, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Whether feet of several labels, and whether feet on both sides, are seen from the places of each cell."""
+    """Return whether feet of several labels, and whether feet on both sides, are seen from the nodes of each cell."""
     label, normal = seen.label.reshape(count, -1), seen.normal.reshape(count, _RULE**2, -1)
     turned = np.sum(normal * normal[:, :1], axis=2) < 0
     return np.any(label != label[:, :1], axis=1), np.any(turned, axis=1)
 
 
 def _across(seen: Seen, cells: ParameterCells) -> np.ndarray:
-    """The parameter along which labels change most often, else that along which slopes differ most."""
+    """Return the parameter along which labels change most often, else the one along which slopes differ most."""
     count = len(cells.piece)
     label = seen.label.reshape(count, _RULE, _RULE)
     changes = [np.sum(np.diff(label, axis=1 + k) != 0, axis=(1, 2)) for k in (0, 1)]
@@ -147,6 +147,6 @@ def _across(seen: Seen, cells: ParameterCells) -> np.ndarray:
 
 
 def _integrands(nodes: Nodes, seen: Seen) -> np.ndarray:
-    """One, the distance, its square and the direction away from the foot, with what each place counts."""
+    """Return 1, the distance, its square and the direction away from the foot, times the weight of each node."""
     columns = [np.ones_like(seen.distance), seen.distance, seen.distance**2, *seen.normal.T]
     return np.stack(columns, axis=1) * (nodes.factor * seen.density)[:, None]

@@ -1,4 +1,4 @@
-"""The checker as a program of its own: `python FOLDER [--shapes] [--max-seconds S] FILE...`, with nothing but Python.
+"""The checker as a command: `python FOLDER [--shapes] [--max-seconds S] FILE...`, with nothing but Python.
 
 With --shapes it also prints the hashes of the shapes, which can be compared with the hashes of files at hand.
 
@@ -17,7 +17,7 @@ _USAGE = "usage: python verification [--shapes] [--max-seconds S] FILE..."
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Checks certificates in files and prints what each proves; the exit status."""
+    """Check certificates in files and print what each proves; return the exit status."""
     from jhd._distance.certificate.verification import CertificateError, digest, opened, sentence, verify
 
     files, seconds = [name for name in arguments if name != "--shapes"], None
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _number(texts: Sequence[str]) -> float:
-    """The number that was given; 0, which is refused, where there is none."""
+    """Return the number that was given; 0, which is refused, if there is none."""
     try:
         return float(texts[0])
     except (IndexError, ValueError):
@@ -54,7 +54,7 @@ def _number(texts: Sequence[str]) -> float:
 
 
 def _make_place() -> None:
-    """Loads this folder under its name in the package, whose other folders stay empty."""
+    """Load this folder under its name in the package, whose other folders stay empty."""
     *above, _ = _PLACE.split(".")
     for k in range(len(above)):
         empty = ModuleType(".".join(above[: k + 1]))

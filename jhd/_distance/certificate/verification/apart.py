@@ -26,9 +26,9 @@ from jhd._distance.certificate.verification.pieces import ExactPiece, Part, box_
 from jhd._distance.certificate.verification.polynomials import elevated
 from jhd._distance.certificate.verification.structure import CertificateError
 
-# Corners of the domain of a piece, for each simplex of it: the box that it is cut into.
+# For each simplex of the domain of a piece, its corners: the box that is cut.
 Box = tuple[tuple[float, ...], ...]
-# Homogeneous coordinates: those of a point times a weight, and the weight.
+# Homogeneous coordinates: a point times a weight, and the weight.
 Homogeneous = tuple[tuple[int, ...], int]
 
 # Cuts of one pair, of ranges too.
@@ -36,7 +36,7 @@ _MOST_LETTERS = 160
 
 
 class PartOfShape(NamedTuple):
-    """A range of pieces in their order, or a box of the domain of the only one, which has been cut so often."""
+    """A range of pieces in their order, or a box of the domain of a single piece, with the number of its cuts."""
 
     first: int
     last: int
@@ -49,7 +49,7 @@ class Ordered:
 
     Args:
         pieces: the pieces.
-        order: their numbers, each once; None is the order in which they stand.
+        order: their indices, each once; None is the order in which they stand.
     """
 
     def __init__(self, pieces: Sequence[ExactPiece], order: Sequence[int] | None):
@@ -57,11 +57,11 @@ class Ordered:
         self._points: dict[int, list[Homogeneous]] = {}
 
     def whole(self) -> PartOfShape:
-        """All of the shape."""
+        """Return the whole shape."""
         return PartOfShape(0, len(self.pieces), None)
 
     def half(self, part: PartOfShape, letter: str) -> PartOfShape | None:
-        """The half that a small letter names; None where the part cannot be cut so."""
+        """Return the half named by a small letter; None if the part cannot be cut so."""
         if letter in "xy":
             middle = (part.first + part.last) // 2
             if part.last - part.first < 2:
@@ -75,7 +75,7 @@ class Ordered:
         return None if cut is None else PartOfShape(part.first, part.last, cut, part.depth + 1)
 
     def points(self, part: PartOfShape) -> Iterator[Homogeneous]:
-        """Control points whose hull holds the part."""
+        """Return control points whose hull holds the part."""
         if part.box is None:
             for k in range(part.first, part.last):
                 if k not in self._points:
@@ -85,17 +85,18 @@ class Ordered:
         yield from points_of_part(self.part(part))
 
     def part(self, part: PartOfShape) -> Part:
-        """A part of a single piece."""
+        """Return a part of a single piece."""
         piece = self.pieces[part.first]
         return composed(piece, box_map(piece, part.box or whole_box(piece.corners)))
 
 
 def whole_box(corners: tuple[int, ...]) -> Box:
-    """The domain itself."""
+    """Return the whole domain as a box."""
     return tuple(tuple(float(i == k + 1) for i in range(count) for k in range(count - 1)) for count in corners)
 
 
 def _half_of(corners: tuple[int, ...], box: Box, letter: str, depth: int) -> Box | None:
+    """Return the half of a box in the domain of a piece that a letter names; None if there is none."""
     if corners in ((3,), (4,)):
         if letter not in ("abcdef" if corners == (3,) else "ab"):
             return None
@@ -116,7 +117,7 @@ def _points_of(piece: ExactPiece) -> list[Homogeneous]:
 
 
 def points_of_part(part: Part) -> list[Homogeneous]:
-    """The control points of a part of a piece."""
+    """Return the control points of a part of a piece."""
     weights = elevated(part.weight, part.domain, part.weight_degree, part.degree)
     return [(tuple(f.get(i, 0) for f in part.coordinates), w) for i, w in weights.items()]
 
@@ -124,7 +125,7 @@ def points_of_part(part: Part) -> list[Homogeneous]:
 def failure_of_plane(
     mine: Iterable[Homogeneous], others: Iterable[Homogeneous], normal: Sequence[float], bound: float | Fraction
 ) -> str | None:
-    """Why a plane does not keep the hulls of two sets of points `bound` apart; None where it does."""
+    """Return why a plane does not keep the hulls of two point sets `bound` apart; None if it does."""
     n, _ = integers(normal)
     gap = min(_heights(n, others)) - max(_heights(n, mine))
     if gap < 0 or gap * gap < Fraction(bound) ** 2 * sum(x * x for x in n):
@@ -140,10 +141,10 @@ def _heights(normal: Sequence[int], points: Iterable[Homogeneous]) -> Iterator[F
 def pairs(
     place: str, a: Ordered, b: Ordered, entries: Iterable[Mapping[str, Any]]
 ) -> Iterator[tuple[Any, str, PartOfShape, PartOfShape]]:
-    """The entries with their names and parts.
+    """Yield the entries with their names and parts.
 
     Raises:
-        CertificateError: the next entry is not one that goes on; at the end, when something is left.
+        CertificateError: the next entry does not continue the cuts, or entries are left at the end.
     """
     left = [("", a.whole(), b.whole())]
     numbered = iter(entries)
@@ -172,7 +173,7 @@ def pairs(
 
 
 def _cuts(letters: str, kind: Any) -> int:
-    """How often a piece is cut, of one of the shapes."""
+    """Return how often a piece of shape a or b is cut."""
     return sum(1 for letter in letters if kind(letter) and letter not in "xyXY")
 
 

@@ -5,8 +5,8 @@
 - Triangles, and patches as two triangles, are cut between two corners, again and again. A cell is named by its cuts,
   one letter for each: `a` and `b` are the halves of a triangle cut between its first two corners, with the first and
   with the second of these; `c` and `d` are the halves of a triangle cut between the first and the third corner, `e` and
-  `f` between the second and the third. The middle takes the place of the corner that is left out. Cells come in the
-  order of the letters, so the next cell is known: the other half of the last cut.
+  `f` between the second and the third. The middle replaces the corner that is left out. Cells come in the order of the
+  letters, so the next cell is known: the other half of the last cut.
 - The tetrahedra of the box of a surface are cut in the same way, each in a fixed order of its corners: between the
   first and the last, in the children between the first and the last but one, then between the first and the second, and
   so on; `a` is the half with the first corner.
@@ -25,14 +25,14 @@ from jhd._distance.certificate.verification.structure import CertificateError
 
 Triangle = tuple[tuple[float, ...], ...]
 
-# The corner that stays and the one that the middle takes the place of, for each letter.
+# For each letter, the corner that stays and the corner that the middle replaces.
 _CUTS = {"a": (0, 1), "b": (1, 0), "c": (0, 2), "d": (2, 0), "e": (1, 2), "f": (2, 1)}
 # Cuts of one cell: each may add a binary digit to the corners, which floats hold up to here.
 MOST_CUTS = 52
 
 
 def roots(piece: ExactPiece) -> list[Triangle]:
-    """The triangles in the domain of a piece that its cells are cut from."""
+    """Return the triangles in the domain of a piece from which its cells are cut."""
     if piece.corners == (4,):
         return [((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
     if piece.corners == (3,):
@@ -41,7 +41,7 @@ def roots(piece: ExactPiece) -> list[Triangle]:
 
 
 def half(triangle: Triangle, letter: str, depth: int = 0) -> Triangle:
-    """The half of a triangle, or of a tetrahedron that has been cut so often, that a letter names."""
+    """Return the half named by a letter, of a triangle, or of a tetrahedron after `depth` cuts."""
     if len(triangle) == 4:
         kept, moved, order = cuts_of((0, 1, 2, 3), depth)["ab".index(letter)]
     else:
@@ -54,10 +54,10 @@ def half(triangle: Triangle, letter: str, depth: int = 0) -> Triangle:
 def cover(
     place: str, pieces: Sequence[ExactPiece], entries: Iterable[Mapping[str, Any]]
 ) -> Iterator[tuple[Any, str, Map]]:
-    """The entries with their names and cells, each as a map of a simplex into the domain of its piece.
+    """Yield the entries with their names and cells, each cell as a map of a simplex into the domain of its piece.
 
     Raises:
-        CertificateError: the next entry is not one that goes on with the cover; at the end, when something is left.
+        CertificateError: the next entry does not continue the cover, or entries are left at the end.
     """
     numbered = _Numbered(place, entries)
     for index, piece in enumerate(pieces):
@@ -74,18 +74,18 @@ def cover(
 
 
 class _Numbered:
-    """The entries in turn, the last one with its name."""
+    """The entries one by one, with the name of the last one."""
 
     def __init__(self, place: str, entries: Iterable[Mapping[str, Any]]):
         self.place, self.entries, self.count, self.ahead = place, iter(entries), -1, None
 
     @property
     def name(self) -> str:
-        """The last entry's."""
+        """Name of the last entry."""
         return f"{self.place}[{self.count}]"
 
     def next_of(self, piece: int) -> Mapping[str, Any]:
-        """The next entry, which must be of the piece."""
+        """Return the next entry, which must belong to the piece."""
         entry = self.peek()
         if entry is None or entry["piece"] != piece:
             found = "there is no further cell" if entry is None else f"piece is {entry['piece']}"
@@ -94,13 +94,13 @@ class _Numbered:
         return entry
 
     def peek(self) -> Mapping[str, Any] | None:
-        """The next entry, left where it is; None at the end."""
+        """Return the next entry without taking it; None at the end."""
         if self.ahead is None:
             self.ahead = next(self.entries, None)
         return self.ahead
 
     def end(self) -> None:
-        """Nothing may be left."""
+        """Raise CertificateError if entries are left."""
         if self.peek() is not None:
             raise CertificateError(f"{self.place}[{self.count + 1}]: everything is covered already.")
 
@@ -129,7 +129,7 @@ def _intervals(numbered: _Numbered, index: int, piece: ExactPiece) -> Iterator[t
 def _triangles(
     numbered: _Numbered, index: int, piece: ExactPiece, root: Triangle, prefix: str
 ) -> Iterator[tuple[Any, str, Map]]:
-    """The cells of a triangle, whose names all begin with the prefix."""
+    """Yield the cells of a triangle, whose names all begin with the prefix."""
     left: list[tuple[str, Triangle]] = [(prefix, root)]
     letters, start = "a" if len(root) == 4 else "ace", len(prefix)
     while left:

@@ -29,23 +29,23 @@ from jhd._distance.certificate.verification.polynomials import (
     variable,
 )
 
-# Parts are tried for convexity once in so many halvings.
+# Parts are tested for convexity once in this many halvings.
 _TRIED = 3
-# Steps towards the least value, what is no pivot, and a step after which it is reached.
+# Steps towards the minimum, the least pivot, and the size of a step after which the minimum is reached.
 _STEPS, _STILL, _NEAR = 30, 1e-17, 1e-9
-# Shares of places are multiples of this power of two.
+# Barycentric coordinates are multiples of this power of two.
 _SHARE_BITS = 60
 _MASK = (1 << BITS) - 1
 
 
 def failure_in_space(f: Polynomial, domain: Domain, degree: Degree, most_parts: int = MOST_PARTS) -> str | None:
-    """As `failure`, by planes too; the simplex that has been cut least for its dimension is cut next."""
+    """Call `failure` with planes as a further proof and cuts of the simplex that was cut least for its dimension."""
     is_proven = lambda part, depth: depth % _TRIED == 0 and is_above_a_plane(part, domain, degree)  # noqa: E731
     return failure(f, domain, degree, most_parts, _halves, is_proven)
 
 
 def _halves(f: Polynomial, split: Split) -> list[tuple[Polynomial, Split]]:
-    """Both halves, of the simplex that has been cut least for its dimension."""
+    """Return both halves after a cut of the simplex that was cut least for its dimension."""
     sizes = [(cuts / (len(v) - 1) if len(v) > 1 else float("inf"), k) for k, (v, _, cuts) in enumerate(split)]
     k = min(sizes)[1]
     variables, n, cuts = split[k]
@@ -56,7 +56,7 @@ def _halves(f: Polynomial, split: Split) -> list[tuple[Polynomial, Split]]:
 
 
 def cuts_of(order: tuple[int, ...], cuts: int) -> list[tuple[int, int, tuple[int, ...]]]:
-    """For each half of a simplex the corner that stays, the one whose place the middle takes, and the new order."""
+    """Return for each half of a simplex the corner that stays, the corner that the middle replaces, and the order."""
     n = len(order) - 1
     last = n - cuts % n
     rest = order[last + 1 :]
@@ -68,7 +68,7 @@ def cuts_of(order: tuple[int, ...], cuts: int) -> list[tuple[int, int, tuple[int
 
 
 def is_above_a_plane(f: Polynomial, domain: Domain, degree: Degree) -> bool:
-    """Whether the polynomial is proven to be convex and to have a tangent plane that is nowhere negative."""
+    """Return whether the polynomial is proven to be convex, with a tangent plane that is nowhere negative."""
     c = _least(f, domain)
     if c is None:
         return False
@@ -76,19 +76,19 @@ def is_above_a_plane(f: Polynomial, domain: Domain, degree: Degree) -> bool:
     total = sum(degree)
     plane = (1 - total) * value
     for variables in domain:
-        # Derivatives have a share less than the value.
+        # Derivatives have one factor less than the value.
         plane += min(_at(_derivative(f, v), c) for v in variables) << _SHARE_BITS
     return plane >= 0 and _is_convex(f, domain, degree)
 
 
 def _derivative(f: Polynomial, v: int) -> Polynomial:
-    """The derivative in a share."""
+    """Return the derivative in one barycentric coordinate."""
     low, step = BITS * v, variable(v)
     return {i - step: c * ((i >> low) & _MASK) for i, c in f.items() if (i >> low) & _MASK}
 
 
 def _is_convex(f: Polynomial, domain: Domain, degree: Degree) -> bool:
-    """Whether all Bernstein coefficients of the second derivatives are positive semidefinite."""
+    """Return whether all Bernstein coefficients of the second derivatives are positive semidefinite."""
     along = [(k, v, variables[0]) for k, variables in enumerate(domain) for v in variables[1:]]
     rows: list[list[Polynomial]] = []
     for m, (k, v, base) in enumerate(along):
@@ -108,7 +108,7 @@ def _is_convex(f: Polynomial, domain: Domain, degree: Degree) -> bool:
 
 
 def _is_semidefinite(rows: list[list[int]]) -> bool:
-    """Whether a symmetric matrix of integers, given by its lower half, is positive semidefinite."""
+    """Return whether a symmetric matrix of integers, given by its lower half, is positive semidefinite."""
     n = len(rows)
     for k in range(n):
         pivot = rows[k][k]
@@ -123,7 +123,7 @@ def _is_semidefinite(rows: list[list[int]]) -> bool:
 
 
 def _at(f: Polynomial, c: Sequence[int]) -> int:
-    """The value at shares in integers, without their powers of two."""
+    """Return the value at integer barycentric coordinates, without their powers of two."""
     found = 0
     for i, x in f.items():
         for k, share in enumerate(c):
@@ -132,11 +132,11 @@ def _at(f: Polynomial, c: Sequence[int]) -> int:
     return found
 
 
-# ---- the place of the least value, in floating point ---------------------------------------------
+# ---- the minimizer, in floating point ------------------------------------------------------------
 
 
 def _least(f: Polynomial, domain: Domain) -> list[int] | None:
-    """Shares of about the least place, multiples of a power of two; None where no convex polynomial has one there."""
+    """Approximate minimizer in multiples of a power of two; None if no convex polynomial has its minimum there."""
     size, count = max(abs(x) for x in f.values()), 1 + max(map(max, domain))
     rows = [([(i >> (BITS * k)) & _MASK for k in range(count)], x / size) for i, x in f.items()]
     x = [0.0] * count
@@ -161,7 +161,7 @@ def _least(f: Polynomial, domain: Domain) -> list[int] | None:
 
 
 def _stepped(x: list[float], step: dict[int, float]) -> int | None:
-    """Goes a step as far as no share gets negative, and says which one ends it there."""
+    """Add a step, shortened so that no coordinate becomes negative; return the coordinate that stops it."""
     share, hit = 1.0, None
     for v, d in step.items():
         if x[v] + share * d < 0:
@@ -174,7 +174,7 @@ def _stepped(x: list[float], step: dict[int, float]) -> int | None:
 
 
 def _released(slope: list[float], domain: Domain, free: list[list[int]]) -> tuple[list[int], int] | None:
-    """A share that is zero and should grow."""
+    """Return a coordinate that is zero and should grow, with the free ones of its simplex."""
     for variables, mine in zip(domain, free, strict=True):
         here = min(slope[v] for v in mine)
         for v in variables:
@@ -192,7 +192,7 @@ def _rounded(x: list[float], domain: Domain) -> list[int]:
 
 
 def _jet(rows: list[tuple[list[int], float]], x: list[float]) -> tuple[list[float], list[list[float]]]:
-    """First and second derivatives in all shares."""
+    """Return first and second derivatives in all barycentric coordinates."""
     n = len(x)
     slope, bend = [0.0] * n, [[0.0] * n for _ in range(n)]
     for powers, c in rows:
@@ -219,7 +219,7 @@ def _product(powers: list[int], x: list[float], i: int, j: int | None) -> float:
 
 
 def _newton(slope: list[float], bend: list[list[float]], free: list[list[int]]) -> dict[int, float] | None:
-    """The step to the least place of the quadratic on the free shares, whose sums stay; None where there is none."""
+    """Return the step to the minimum of the quadratic on the free coordinates with fixed sums; None without."""
     used = [v for variables in free for v in variables]
     n, count = len(used), len(used) + len(free)
     matrix = [[0.0] * (count + 1) for _ in range(count)]

@@ -3,7 +3,8 @@
 A piece is a polynomial over a weight in the Bernstein form of its domain, a product of simplices: a point has none, a
 curve an interval, a triangle itself, a patch two intervals, and an implicit surface the six tetrahedra of its box. A
 part is the piece after a map of another simplex into its domain; with forms F_0, F_1, ... of the map, which add up to
-W, the Bernstein polynomial of the exponents i becomes multinomial(i) F_0^i_0 F_1^i_1 ..., W^n times what it was.
+W, the Bernstein polynomial of the exponents i becomes multinomial(i) F_0^i_0 F_1^i_1 ..., which is W^n times the
+polynomial.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,8 +29,8 @@ from jhd._distance.certificate.verification.polynomials import (
 class ExactPiece(NamedTuple):
     """A piece: the corners of each simplex of its domain, the degree on each, and control points in integers.
 
-    `rows` holds the coordinates times the weight one after the other, `weight` the weights, or one number; all of them
-    are multiplied with 2^bits.
+    `rows` holds the coordinates times the weight one after the other, `weight` the weights, or one number; all are
+    multiplied by 2^bits.
     """
 
     corners: tuple[int, ...]
@@ -40,12 +41,12 @@ class ExactPiece(NamedTuple):
 
     @property
     def parameters(self) -> int:
-        """How many numbers name a place."""
+        """Number of parameters of a point."""
         return sum(self.corners) - len(self.corners)
 
 
 class Part(NamedTuple):
-    """Coordinates over the weight on a domain, each in its degree there, and multiplied with 2^bits."""
+    """Coordinates over the weight on a domain, each in its degree there, and multiplied by 2^bits."""
 
     domain: Domain
     coordinates: list[Polynomial]
@@ -56,10 +57,10 @@ class Part(NamedTuple):
 
 
 class Map(NamedTuple):
-    """A map into the domain of a piece: for each simplex of it the forms of its corners, and their sum.
+    """A map into the domain of a piece: for each simplex of the domain the forms of its corners, and their sum.
 
-    `degrees` are those of these forms on the domain of the map. Forms and sums are multiplied with 2^bits; where all
-    sums are one without that, they are `None`.
+    `degrees` are the degrees of these forms on the domain of the map. Forms and sums are multiplied by 2^bits. If all
+    sums are one before that, `sums` is `None`.
     """
 
     domain: Domain
@@ -70,7 +71,7 @@ class Map(NamedTuple):
 
 
 def common_power(*shapes: Mapping[str, Any]) -> int | None:
-    """The power of two that makes whole numbers of all coordinates, the least one; None where a polynomial is one."""
+    """Return the power of two that makes all coordinates whole numbers, the least one; None if one is a polynomial."""
     if any(shape["kind"] == "surface" for shape in shapes):
         return None
     found = set()
@@ -84,12 +85,12 @@ def common_power(*shapes: Mapping[str, Any]) -> int | None:
 
 
 def pieces_of(shape: Mapping[str, Any], power: int | None = None) -> list[ExactPiece]:
-    """The pieces of a shape as it stands in a certificate, after its structure has been checked.
+    """Return the pieces of a shape as stored in a certificate, after its structure has been checked.
 
     Args:
         shape: the shape.
-        power: a power of two that the coordinates are multiplied with, as from `common_power`: lengths of nearly no
-            size are short numbers so. None leaves them.
+        power: a power of two by which the coordinates are multiplied, as from `common_power`, so that tiny lengths are
+            short numbers. None leaves them.
     """
     if shape["kind"] == "mesh":
         vertices = shape["vertices"]
@@ -110,7 +111,7 @@ def pieces_of(shape: Mapping[str, Any], power: int | None = None) -> list[ExactP
 
 
 def tetrahedra(lower: Sequence[float], upper: Sequence[float]) -> list[list[list[float]]]:
-    """The corners of six tetrahedra that are a box: paths along its sides from one corner to the opposite one."""
+    """Return the corners of six tetrahedra that fill a box: paths along its sides between opposite corners."""
     found = []
     for axes in permutations(range(3)):
         corner, path = list(lower), [list(lower)]
@@ -122,7 +123,7 @@ def tetrahedra(lower: Sequence[float], upper: Sequence[float]) -> list[list[list
 
 
 def integers(numbers: Iterable[float]) -> tuple[list[int], int]:
-    """The m_i and the k for which the numbers are m_i / 2^k."""
+    """Return integers m_i and k with numbers m_i / 2^k."""
     ratios = [float(x).as_integer_ratio() for x in numbers]
     bits = max((whole.bit_length() for _, whole in ratios), default=1)
     return [top << (bits - whole.bit_length()) for top, whole in ratios], bits - 1
@@ -135,6 +136,7 @@ def _piece(
     weights: Sequence[float] | None,
     power: int | None = None,
 ) -> ExactPiece:
+    """Return a piece in integers from control points and weights given as floats."""
     columns, bits = integers(x for column in zip(*points, strict=True) for x in column)
     if power is not None:
         columns, bits = [x << power >> bits if power > 0 else x >> bits - power for x in columns], 0
@@ -148,16 +150,16 @@ def _piece(
 
 
 def simplex(corners: int) -> Domain:
-    """The domain of maps of a simplex with so many corners."""
+    """Return the domain of maps of a simplex with `corners` corners."""
     return (tuple(range(corners)),)
 
 
 def box_map(piece: ExactPiece, box: Sequence[Sequence[float]]) -> Map:
-    """The map of a product of intervals, or of a triangle, onto a part of the domain: the corners of each simplex.
+    """Return the map of a product of intervals, or of a triangle, onto the part of the domain with these corners.
 
     Args:
-        piece: whose domain it is.
-        box: for each simplex of the domain the parameters of its corners one after the other.
+        piece: the piece with this domain.
+        box: for each simplex of the domain, the parameters of its corners one after the other.
     """
     domain, found, used = [], [], 0
     for count, numbers in zip(piece.corners, box, strict=True):
@@ -174,14 +176,14 @@ def box_map(piece: ExactPiece, box: Sequence[Sequence[float]]) -> Map:
 def simplex_map(
     piece: ExactPiece, corners: int, rows: Sequence[Sequence[float]], weights: Sequence[float] | None = None
 ) -> Map:
-    """The map of a simplex into the domain of a piece, from Bernstein coefficients of its parameters.
+    """Return the map of a simplex into the domain of a piece, given Bernstein coefficients of its parameters.
 
     Args:
-        piece: whose domain it is.
-        corners: of the simplex.
-        rows: parameters, times the weight where there are weights, in the order of `exponents`; one row is a constant,
-            as many as corners an affine map.
-        weights: of the rows.
+        piece: the piece with this domain.
+        corners: number of corners of the simplex.
+        rows: parameters, times the weight if there are weights, in the order of `exponents`; one row is a constant, as
+            many rows as corners an affine map.
+        weights: weights of the rows.
     """
     domain = simplex(corners)
     degree = next(m for m in range(len(rows) + 1) if len(exponents(corners, m)) == len(rows))
@@ -197,7 +199,7 @@ def _forms(
     variables: tuple[int, ...],
     degree: int,
 ) -> tuple[list[list[Polynomial]], Polynomial, int]:
-    """For each simplex the forms of its corners, their sum, and the bits: the first form is what the others leave."""
+    """Return the forms of each simplex's corners, their sum, and the bits; the first is the sum less the others."""
     columns = [list(column) for column in zip(*rows, strict=True)]
     numbers, bits = integers([x for column in columns for x in column] + list(weights or [1.0] * len(rows)))
     size = len(rows)
@@ -212,7 +214,7 @@ def _forms(
 
 
 def composed(piece: ExactPiece, to: Map) -> Part:
-    """The piece after the map."""
+    """Return the composition of the piece with the map."""
     bases = [_basis(forms, n) for forms, n in zip(to.forms, piece.degrees, strict=True)]
     degree = _degree(piece.degrees, to)
     coordinates = [_contracted(row, bases) for row in piece.rows]
@@ -237,7 +239,7 @@ def _degree(degrees: Degree, to: Map) -> Degree:
 
 
 def _basis(forms: list[Polynomial], degree: int) -> list[Polynomial]:
-    """The Bernstein polynomials of a simplex in these forms."""
+    """Return the Bernstein polynomials of a simplex in these forms."""
     rising = [powers(form, degree) for form in forms]
     found = []
     for term, number in zip(exponents(len(forms), degree), multinomials(len(forms), degree), strict=True):
@@ -249,7 +251,7 @@ def _basis(forms: list[Polynomial], degree: int) -> list[Polynomial]:
 
 
 def _contracted(numbers: Sequence[int], bases: list[list[Polynomial]]) -> Polynomial:
-    """The sum of the numbers times the products of the Bernstein polynomials of the simplices."""
+    """Return the sum of the numbers times the products of the Bernstein polynomials of the simplices."""
     if not bases:
         return {0: numbers[0]}
     first, *rest = bases
@@ -259,7 +261,7 @@ def _contracted(numbers: Sequence[int], bases: list[list[Polynomial]]) -> Polyno
 
 
 def difference(x: Part, y: Part) -> Part:
-    """The difference x - y as one part of their common domain."""
+    """Return the difference x - y as one part on their common domain."""
     degree = tuple(max(p) for p in zip(_sum(x.degree, y.weight_degree), _sum(y.degree, x.weight_degree), strict=True))
     coordinates = []
     for mine, other in zip(x.coordinates, y.coordinates, strict=True):

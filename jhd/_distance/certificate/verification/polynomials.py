@@ -2,8 +2,8 @@
 
 A point of a simplex is a convex combination of its corners; its barycentric coordinates are the variables. A polynomial
 is homogeneous in the variables of each simplex, {exponents: coefficient}: the coefficients are its Bernstein
-coefficients times multinomial numbers, so that products are plain convolutions and signs are those of the Bernstein
-coefficients. All exponents of a term are packed into one integer, a byte for each variable.
+coefficients times multinomial numbers, so that products are plain convolutions and the signs stay. All exponents of a
+term are packed into one integer, a byte for each variable.
 """
 
 import math
@@ -24,19 +24,19 @@ Split = tuple[tuple[tuple[int, ...], int, int], ...]
 BITS = 8
 # Halvings in a row that one polynomial may take, for each variable beyond the first.
 _MOST_HALVINGS = 48
-# Parts in all: next to a maximum they are some twenty, most polynomials take none.
+# Parts in all: next to a maximum there are about twenty, most polynomials need none.
 MOST_PARTS = 1500
-# Called before each of these parts: raises where the time of a check is over.
+# Called before each of these parts: raises if the time of a check is over.
 ON_PART: ContextVar[Callable[[], object] | None] = ContextVar("ON_PART", default=None)
 
 
 def variable(index: int) -> int:
-    """The exponents of a variable alone."""
+    """Return the code of a variable alone."""
     return 1 << (BITS * index)
 
 
 def product(f: Polynomial, g: Polynomial) -> Polynomial:
-    """The product f g."""
+    """Return the product f g."""
     result: Polynomial = {}
     known = result.get
     for i, x in f.items():
@@ -46,7 +46,7 @@ def product(f: Polynomial, g: Polynomial) -> Polynomial:
 
 
 def square(f: Polynomial) -> Polynomial:
-    """f^2, with half of the products."""
+    """Return f^2, with half of the products."""
     result: Polynomial = {}
     known, terms = result.get, list(f.items())
     for k, (i, x) in enumerate(terms):
@@ -58,7 +58,7 @@ def square(f: Polynomial) -> Polynomial:
 
 
 def powers(f: Polynomial, count: int) -> list[Polynomial]:
-    """1, f, f^2, ... f^count."""
+    """Return 1, f, f^2, ... f^count."""
     found: list[Polynomial] = [{0: 1}]
     for _ in range(count):
         found.append(product(found[-1], f))
@@ -66,7 +66,7 @@ def powers(f: Polynomial, count: int) -> list[Polynomial]:
 
 
 def combined(f: Polynomial, x: int, g: Polynomial, y: int) -> Polynomial:
-    """The sum x f + y g."""
+    """Return x f + y g."""
     result = {i: x * c for i, c in f.items()}
     for i, c in g.items():
         result[i] = result.get(i, 0) + y * c
@@ -74,7 +74,7 @@ def combined(f: Polynomial, x: int, g: Polynomial, y: int) -> Polynomial:
 
 
 def total(polynomials: list[Polynomial]) -> Polynomial:
-    """The sum."""
+    """Return the sum of polynomials."""
     result: Polynomial = {}
     for f in polynomials:
         for i, c in f.items():
@@ -84,7 +84,7 @@ def total(polynomials: list[Polynomial]) -> Polynomial:
 
 @cache
 def one(domain: Domain, degree: Degree) -> Polynomial:
-    """The constant 1 in a degree: powers of the sums of the variables."""
+    """Return the constant 1 in a degree: powers of the sums of the variables."""
     result: Polynomial = {0: 1}
     for variables, n in zip(domain, degree, strict=True):
         result = product(result, powers({variable(i): 1 for i in variables}, n)[n])
@@ -92,7 +92,7 @@ def one(domain: Domain, degree: Degree) -> Polynomial:
 
 
 def elevated(f: Polynomial, domain: Domain, degree: Degree, higher: Degree) -> Polynomial:
-    """The same polynomial in a higher degree."""
+    """Return f in a higher degree."""
     if degree == higher:
         return f
     return product(f, one(domain, tuple(n - m for n, m in zip(higher, degree, strict=True))))
@@ -100,7 +100,7 @@ def elevated(f: Polynomial, domain: Domain, degree: Degree, higher: Degree) -> P
 
 @cache
 def exponents(count: int, degree: int) -> list[tuple[int, ...]]:
-    """The exponents of the terms of a degree in so many variables, high powers of the first ones first."""
+    """Return the exponents of the terms of a degree in `count` variables, high powers of the first variables first."""
     if count == 1:
         return [(degree,)]
     return [(first, *rest) for first in range(degree, -1, -1) for rest in exponents(count - 1, degree - first)]
@@ -108,19 +108,19 @@ def exponents(count: int, degree: int) -> list[tuple[int, ...]]:
 
 @cache
 def multinomials(count: int, degree: int) -> list[int]:
-    """The number that goes with each of these terms: degree! over the factorials of the exponents."""
+    """Return the factor of each of these terms: degree! over the factorials of the exponents."""
     return [math.factorial(degree) // math.prod(math.factorial(i) for i in term) for term in exponents(count, degree)]
 
 
 def from_coefficients(coefficients: Sequence[int], variables: tuple[int, ...], degree: int) -> Polynomial:
-    """The polynomial of these Bernstein coefficients, in the order of `exponents`."""
+    """Return the polynomial with these Bernstein coefficients, in the order of `exponents`."""
     count = len(variables)
     numbers = zip(coefficients, exponents(count, degree), multinomials(count, degree), strict=True)
     return {sum(i * variable(v) for i, v in zip(term, variables, strict=True)): c * m for c, term, m in numbers if c}
 
 
 def reduced(f: Polynomial) -> Polynomial:
-    """The polynomial over the largest power of two that divides all coefficients: its signs, in short numbers."""
+    """Return f over the largest power of two that divides all coefficients: equal signs, shorter numbers."""
     bits = min(((c & -c).bit_length() for c in f.values() if c), default=1) - 1
     return {i: c >> bits for i, c in f.items()} if bits else f
 
@@ -133,15 +133,15 @@ def failure(
     halves: Callable[[Polynomial, Split], list[tuple[Polynomial, Split]]] | None = None,
     is_proven: Callable[[Polynomial, int], bool] = lambda f, depth: False,
 ) -> str | None:
-    """Why a polynomial is not proven to be non-negative on its domain; None if it is.
+    """Return why a polynomial is not proven to be non-negative on its domain; None if it is.
 
     Args:
         f: the polynomial.
-        domain: the variables of its simplices.
-        degree: the degrees in these.
-        most_parts: parts that are looked at.
-        halves: cuts a part in two; by default the simplices in turn, at the newest corner.
-        is_proven: another proof for a part with negative coefficients, which is told how often it was cut.
+        domain: the variables of the simplices of the domain.
+        degree: the degrees in these simplices.
+        most_parts: largest number of parts to examine.
+        halves: cuts a part in two; by default at the newest corner of the simplices in turn.
+        is_proven: another proof for a part with negative coefficients, called with the number of its cuts.
     """
     if min(f.values(), default=0) >= 0:
         return None
@@ -166,15 +166,15 @@ def failure(
 
 
 def _corners(split: Split) -> list[int]:
-    """The exponents of the terms that are the values at the corners of the domain."""
+    """Return the exponents of the terms that give the values at the corners of the domain."""
     return [sum(found) for found in pairs_of(*([n * variable(i) for i in variables] for variables, n, _ in split))]
 
 
 def _halves(f: Polynomial, split: Split) -> list[tuple[Polynomial, Split]]:
-    """Both halves, of a simplex cut between its first two corners, and the simplices to be cut next.
+    """Return both halves of a simplex cut between its first two corners, and the order of the next cuts.
 
-    The middle takes the place of one of them, and stands last; the simplex that was cut stands behind the others. That
-    is bisection at the newest corner, which keeps triangles in shape. A single corner cannot be cut.
+    The middle replaces one of these corners, and becomes the last corner; the simplex that was cut moves behind the
+    others. This is bisection at the newest corner, which keeps triangles in shape. A single corner cannot be cut.
     """
     k = next(k for k, (variables, *_) in enumerate(split) if len(variables) > 1)
     (i, j, *others), n, cuts = split[k]
@@ -185,9 +185,10 @@ def _halves(f: Polynomial, split: Split) -> list[tuple[Polynomial, Split]]:
 
 
 def half_of(f: Polynomial, kept: int, moved: int, n: int) -> Polynomial:
-    """2^n times the polynomial where the corner `moved` is the middle between itself and `kept`.
+    """Return 2^n times the polynomial with the corner `moved` replaced by the middle between `moved` and `kept`.
 
-    With shares x of the corner kept and y of the middle, those before were x + y/2 and y/2.
+    If x and y are the barycentric coordinates of the corner kept and of the middle, the coordinates before were x + y/2
+    and y/2.
     """
     low, high, mask = BITS * kept, BITS * moved, (1 << BITS) - 1
     step = variable(moved) - variable(kept)

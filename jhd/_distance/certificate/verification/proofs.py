@@ -1,10 +1,10 @@
-"""The proofs: that a cell is near its feet, and that the witness is far from all of the other shape.
+"""The proofs: that a cell is near its feet, and that the witness is far from the whole other shape.
 
 Over a cell the distance to the foot phi_k(u) is |e_k(u)| / w_k(u), two polynomials. One foot is enough if all Bernstein
-coefficients of e_k are at most `bound` times those of w_k, or if P_k = bound^2 w_k^2 - |e_k|^2 is not negative. Several
-feet are enough if sum l_k P_k is not negative for multipliers l_k whose Bernstein coefficients are not negative and not
-all zero: if one of the multipliers is positive at u, one of the P_k is not negative there. This holds everywhere except
-on sides of the cell, to which the bound extends because distances are continuous.
+coefficients of e_k are at most `bound` times the coefficients of w_k, or if P_k = bound^2 w_k^2 - |e_k|^2 is not
+negative. Several feet are enough if sum l_k P_k is not negative for multipliers l_k whose Bernstein coefficients are
+not negative and not all zero: if one of the multipliers is positive at u, one of the P_k is not negative there. This
+holds everywhere except on sides of the cell, to which the bound extends because distances are continuous.
 """
 
 import time
@@ -77,7 +77,7 @@ class Proven(NamedTuple):
 
 
 class _Deadline:
-    """The time after which a check is given up, before it begins if need be, and who hears of what is checked."""
+    """The time limit of a check, also tested before it begins, and the callback that reports progress."""
 
     def __init__(self, seconds: float | None, progress: Callable[[str], object] | None):
         if seconds is not None and (not hasattr(seconds, "__float__") or not float(seconds) > 0):
@@ -86,19 +86,19 @@ class _Deadline:
         self.progress, self.place = progress, ""
 
     def begin(self, expected: float) -> None:
-        """Raises CertificateError where the check takes longer than there is time, by all that is known of it."""
+        """Raise UncheckedCertificateError if the check is expected to exceed the time limit."""
         if self.seconds is not None and expected > self.seconds:
             raise UncheckedCertificateError(f"takes {expected:.3g} seconds or more; max_seconds is {self.seconds!r}.")
 
     def check(self, place: str, count: int = 0) -> None:
-        """Raises CertificateError when it has passed; `count` is how many such places there are, if it is known."""
+        """Report the location, one of `count`; raise UncheckedCertificateError after the time limit."""
         self.place = place + (f" of {count}" if count else "")
         if self.progress is not None:
             self.progress(self.place)
         self.check_within()
 
     def check_within(self) -> None:
-        """The same within the place that is checked."""
+        """Raise UncheckedCertificateError after the limit, at the current location."""
         if self.end is not None and time.monotonic() > self.end:
             raise UncheckedCertificateError(f"is not checked in {self.seconds!r} seconds; it ends at {self.place}.")
 
@@ -125,7 +125,7 @@ def verify(content: Any, max_seconds: float | None = None, progress: Callable[[s
 
 
 class _CheckedSide(NamedTuple):
-    """A shape: its size, its pieces, the polynomial of a surface, and how many units of the pieces are one."""
+    """A shape: its size, its pieces, the polynomial of a surface, and the number of units of the pieces in one."""
 
     size: ShapeSize
     pieces: list[ExactPiece]
@@ -138,7 +138,7 @@ def _side_of(shape: Mapping[str, Any], size: ShapeSize, power: int | None) -> _C
 
 
 def _check_maximum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
-    """The number of cells, all of which are proven, and so is the witness."""
+    """Prove all cells and the witness; return the number of cells."""
     claim, count = content["claim"], 0
     for direction in KINDS[claim["kind"]] if claim["upper"] is not None else ():
         source, target = sides[direction[0]], sides[direction[-1]]
@@ -165,7 +165,7 @@ def _failure_of_entry(source: _CheckedSide, cell: Map, target: _CheckedSide, ent
 
 
 def _check_minimum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
-    """The number of pairs of parts, all of which are proven, and so are the two places."""
+    """Prove all pairs of parts and the two points; return the number of pairs."""
     claim, witness = content["claim"], content["witness"]
     if witness is not None:
         p, q = (_near(sides[name], witness[name], f"witness.{name}") for name in ("a", "b"))
@@ -180,7 +180,7 @@ def _check_minimum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
 
 
 def _near(side: _CheckedSide, place: Mapping[str, Any], name: str) -> NearZero:
-    """A point with the distance to a place of the shape: none, where it is one."""
+    """Return a point, and its distance to the point of the shape that it stands for: zero except on surfaces."""
     if side.zeros is not None:
         return place_of(side.zeros, place, name)
     return NearZero(point_of(side.pieces[place["piece"]], place["at"]), Fraction(0))
@@ -194,7 +194,7 @@ def _check_pairs(
     bound: Fraction,
     deadline: _Deadline,
 ) -> int:
-    """The number of pairs of parts of two shapes that are this far apart."""
+    """Prove that all pairs of parts of two shapes are this far apart; return their number."""
     count, place = 0, f"cells.{section}"
     checked = _checked(place, content["cells"][section], partial(check_pair, sizes=[side.size for side in sides]))
     for entry, name, mine, other in pairs(place, *ordered, checked):
@@ -213,10 +213,11 @@ def _failure_apart(
     entry: Mapping[str, Any],
     bound: Fraction,
 ) -> str | None:
+    """Return why the proof in `entry` does not keep two parts `bound` apart; None if it does."""
     if "plane" in entry:
         mine, others = (each.points(part) for each, part in zip(ordered, parts, strict=True))
         return failure_of_plane(mine, others, entry["plane"], bound * sides[0].unit)
-    # Where one part holds no zero nothing is said of the other, which may have several pieces.
+    # If one part holds no zero, nothing is claimed about the other part, which may have several pieces.
     named = (entry["free"],) if "free" in entry else (0, 1)
     if any(parts[k].last - parts[k].first > 1 for k in named):
         return "is not proven: a part has several pieces"
@@ -237,7 +238,7 @@ def _checked(place: str, entries: Any, check: Callable[[str, Any], None]) -> Ite
 
 
 def sentence(proven: Proven) -> str:
-    """The proven bounds in one line."""
+    """Return the proven bounds as one line of text."""
     name = NAMES[proven.kind]
     lower = _OUTWARD[0].create_decimal_from_float(proven.lower)
     upper = "" if proven.upper is None else f" <= {_OUTWARD[1].create_decimal_from_float(proven.upper):g}"
@@ -250,13 +251,13 @@ def sentence(proven: Proven) -> str:
 def failure_of_cell(
     source: ExactPiece, cell: Map, targets: Sequence[ExactPiece], entry: Mapping[str, Any]
 ) -> str | None:
-    """Why the bound of a cell is not proven; None where it is.
+    """Return why the bound of a cell is not proven; None if it is.
 
     Args:
         source: the piece of the cell.
         cell: the map of a simplex onto it.
         targets: the pieces of the other shape.
-        entry: its feet, multipliers and bound, as they stand in a certificate.
+        entry: its feet, multipliers and bound, as stored in a certificate.
     """
     part, corners = composed(source, cell), len(cell.domain[0])
     apart = [
@@ -276,13 +277,13 @@ def failure_at_most(
     multipliers: Sequence[Sequence[float]] | None,
     parts: int = MOST_PARTS,
 ) -> str | None:
-    """Why it is not proven that everywhere one of the differences is at most `bound` long; None where it is.
+    """Return why it is not proven that everywhere one of the differences is at most `bound` long; None if it is.
 
     Args:
         apart: the differences on one simplex.
         bound: the length.
-        multipliers: for each the Bernstein coefficients of its multiplier; None of one difference.
-        parts: in how many parts of the simplex to try.
+        multipliers: for each difference the Bernstein coefficients of its multiplier; None for one difference.
+        parts: largest number of parts of the simplex to try.
     """
     if any(is_hull_at_most(e, bound) for e in apart):
         return None
@@ -302,7 +303,7 @@ def failure_at_most(
 
 
 def is_hull_at_most(e: Part, bound: float | Fraction) -> bool:
-    """Whether all Bernstein coefficients of a difference are at most `bound` long: then it is everywhere."""
+    """Return whether all Bernstein coefficients of a difference, and so the difference, are at most `bound` long."""
     top, whole = Fraction(bound).as_integer_ratio()
     weight = elevated(e.weight, e.domain, e.weight_degree, e.degree)
     return all(
@@ -311,14 +312,14 @@ def is_hull_at_most(e: Part, bound: float | Fraction) -> bool:
 
 
 def squares_of(e: Part) -> tuple[Polynomial, Polynomial, Degree]:
-    """|e|^2 and w^2 of a difference e / w, in one degree."""
+    """Return |e|^2 and w^2 of a difference e / w, in one degree."""
     doubled = tuple(2 * n for n in e.degree)
     weights = elevated(square(e.weight), e.domain, tuple(2 * n for n in e.weight_degree), doubled)
     return total([square(f) for f in e.coordinates]), weights, doubled
 
 
 def slack(e: Part, bound: float | Fraction) -> tuple[Polynomial, Degree]:
-    """bound^2 w^2 - |e|^2, times a square, and its degree."""
+    """Return bound^2 w^2 - |e|^2, times a square, and its degree."""
     top, whole = Fraction(bound).as_integer_ratio()
     squares, weights, degree = squares_of(e)
     return combined(weights, top * top, squares, -whole * whole), degree
@@ -328,7 +329,7 @@ def slack(e: Part, bound: float | Fraction) -> tuple[Polynomial, Degree]:
 
 
 def _check_witness(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
-    """The number of pairs of the witness and parts of the other shape, if this is a surface; all is proven."""
+    """Prove the witness; return the number of pairs with parts of the other shape, if this is a surface."""
     witness, lower = content["witness"], content["claim"]["lower"]
     name, other = witness["direction"][0], witness["direction"][-1]
     place = _near(sides[name], witness, "witness")
@@ -351,12 +352,12 @@ def _check_witness(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
 
 
 def point_of(piece: ExactPiece, at: Sequence[float]) -> Part:
-    """The point of a piece at parameters, on a domain of its own."""
+    """Return the point of a piece at parameters, on a domain of its own."""
     return composed(piece, simplex_map(piece, 1, [at]))
 
 
 def as_piece(point: Part) -> ExactPiece:
-    """A point as a piece of a shape."""
+    """Return a point as a piece of a shape."""
     rows = tuple((f.get(0, 0),) for f in point.coordinates)
     return ExactPiece((), (), rows, (point.weight[0],), point.bits)
 
@@ -364,13 +365,13 @@ def as_piece(point: Part) -> ExactPiece:
 def failure_of_witness(
     point: Part, piece: ExactPiece, lower: float | Fraction, ends: tuple[float, float] = (0.0, 1.0)
 ) -> str | None:
-    """Why it is not proven that a point is at least `lower` away from a piece; None where it is.
+    """Return why it is not proven that a point is at least `lower` away from a piece; None if it is.
 
     Args:
         point: the point.
         piece: the piece.
         lower: the bound.
-        ends: of an interval, the part of it that is meant.
+        ends: for an interval, the ends of the part that is meant.
     """
     box = [ends if count == 2 else whole for count, whole in zip(piece.corners, whole_box(piece.corners), strict=True)]
     part = composed(piece, box_map(piece, box))

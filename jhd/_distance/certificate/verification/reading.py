@@ -26,7 +26,7 @@ _MOST_CELLS = 2**53
 
 
 def parsed(text: str) -> Any:
-    """The value of JSON text, where NaN, Infinity and a key that occurs twice are refused.
+    """Return the value of JSON text; refuse NaN, Infinity and repeated keys.
 
     Raises:
         json.JSONDecodeError: text that is no JSON.
@@ -39,7 +39,7 @@ def parsed(text: str) -> Any:
 
 @contextmanager
 def opened(path: str | Path) -> Iterator[Any]:
-    """The certificate in a file; its cells are read when they are asked for, once and in order.
+    """Return the certificate in a file; its cells are read when they are requested, once and in order.
 
     Raises:
         OSError: there is no such file, or it is torn.
@@ -54,7 +54,7 @@ def opened(path: str | Path) -> Iterator[Any]:
 
 
 def lines_of(content: Mapping[str, Any]) -> Iterator[str]:
-    """The lines of a file that holds a certificate whose cells are lists."""
+    """Return the lines of a file that hold a certificate whose cells are lists."""
     cells = content["cells"]
     counts = None if cells is None else {direction: len(rows) for direction, rows in cells.items()}
     yield json.dumps({**content, "cells": counts}, allow_nan=False) + "\n"
@@ -70,7 +70,7 @@ class _Lines:
         self.file, self.number = file, 0
 
     def next(self) -> str:
-        """The next line; empty at the end."""
+        """Return the next line; empty at the end."""
         try:
             line = self.file.readline(_LONGEST)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
@@ -81,7 +81,7 @@ class _Lines:
         return line
 
     def value(self, line: str) -> Any:
-        """The value of the line that was read last."""
+        """Return the value of the last line that was read."""
         try:
             return parsed(line)
         except json.JSONDecodeError as error:
@@ -89,7 +89,7 @@ class _Lines:
             raise
 
     def end(self) -> None:
-        """Nothing may be left."""
+        """Raise CertificateError if lines are left."""
         if self.next().strip():
             raise CertificateError(f"line {self.number} follows the end.")
 
@@ -107,7 +107,7 @@ def _content(lines: _Lines) -> Any:
 
 
 def _streams(counts: Mapping[str, Any], lines: _Lines) -> dict[str, "_CellsInTurn"]:
-    """For each direction its cells as they are read, in the order of the directions."""
+    """Return for each direction its cells, read on demand, in the order of the directions."""
     check_keys("cells", counts, [name for name in SECTIONS if name in counts])
     for name, count in counts.items():
         if isinstance(count, bool) or not isinstance(count, int) or not 0 < count <= _MOST_CELLS:

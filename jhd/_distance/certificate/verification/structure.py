@@ -39,20 +39,20 @@ SHAPES = {
     "surface": ("coefficients", "lower", "upper"),
 }
 
-# What pairs of parts are named by.
+# Characters in the names of pairs of parts.
 _LETTERS = frozenset("abcdefxyABCDEFXY")
 # Degrees that are read, of the maps of feet too; beyond them one cell could take hours.
 _LARGEST_CURVE, _LARGEST_PATCH, _LARGEST_MAP = 30, 10, 3
-# Feet of one cell, for the same reason.
+# Largest number of feet of one cell, for the same reason.
 MOST_FEET = 4
 # Into which a box is cut.
 _TETRAHEDRA = 6
-# Degree of what is checked on a triangle: a few hundred milliseconds.
+# Largest degree to check on a triangle: a few hundred milliseconds.
 _LARGEST_ON_TRIANGLES = 60
 
 
 class ShapeSize(NamedTuple):
-    """A shape's coordinates a point, number of pieces, corners of the simplices of their domain, and total degree."""
+    """Size of a shape: coordinates of a point, pieces, corners of the simplices of their domain, and total degree."""
 
     dim: int
     pieces: int
@@ -61,17 +61,17 @@ class ShapeSize(NamedTuple):
 
     @property
     def cell_corners(self) -> int:
-        """Corners of the simplices that cover a piece."""
+        """Number of corners of the simplices that cover a piece."""
         return 1 if not self.corners else 3 if self.corners == (2, 2) else self.corners[0]
 
     @property
     def is_surface(self) -> bool:
-        """Whether it holds the zeros of a polynomial alone; its pieces are those of its box."""
+        """Return whether the shape is the zero set of a polynomial, with the pieces of its box."""
         return self.corners == (4,)
 
 
 def check_content(content: Any) -> dict[str, ShapeSize]:
-    """The sizes of the shapes; CertificateError unless everything but the cells is as it must be."""
+    """Return the sizes of the shapes; raise CertificateError if anything except the cells is malformed."""
     if isinstance(content, str | bytes | PathLike):
         raise CertificateError("is no certificate but text: jhd.io.load_certificate, or `opened`, reads a file.")
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
@@ -92,7 +92,7 @@ def check_content(content: Any) -> dict[str, ShapeSize]:
 
 
 def _check_maximum(content: Mapping[str, Any], directions: tuple[str, ...], sizes: Mapping[str, ShapeSize]) -> None:
-    """Cells for an upper bound, a witness for a lower one."""
+    """Check cells for an upper bound, a witness for a lower bound."""
     if content["orders"] is not None:
         raise CertificateError("orders must be null if the claim is about a largest distance.")
     wanted = [] if content["claim"]["upper"] is None else list(directions)
@@ -109,7 +109,7 @@ def _check_maximum(content: Mapping[str, Any], directions: tuple[str, ...], size
 
 
 def _check_minimum(content: Mapping[str, Any], sizes: Mapping[str, ShapeSize]) -> None:
-    """Pairs of parts for a lower bound, a place on each shape for an upper one."""
+    """Check pairs of parts for a lower bound, a point on each shape for an upper bound."""
     if (content["claim"]["lower"] > 0) != (content["cells"] is not None):
         raise CertificateError("cells are needed if claim.lower is above zero, and must be null otherwise.")
     if (content["claim"]["upper"] is None) != (content["witness"] is None):
@@ -141,7 +141,7 @@ def _check_order(place: str, order: Any, count: int) -> None:
 
 
 def check_pair(place: str, entry: Any, sizes: Sequence[ShapeSize]) -> None:
-    """CertificateError unless a pair of parts of shapes of these sizes has all that the proof reads."""
+    """Raise CertificateError unless a pair of parts of shapes of these sizes has all that the proof reads."""
     proofs = ("plane", "zeros", "free") if any(size.is_surface for size in sizes) else ("plane",)
     found = [key for key in proofs if isinstance(entry, Mapping) and key in entry]
     check_keys(place, entry, ("pair", found[0] if len(found) == 1 else "plane"))
@@ -166,7 +166,7 @@ def check_pair(place: str, entry: Any, sizes: Sequence[ShapeSize]) -> None:
 
 
 def check_claim(claim: Any) -> tuple[str, ...]:
-    """The directions that a claim is about; CertificateError unless it is one."""
+    """Return the directions of a claim; raise CertificateError if it is malformed."""
     check_keys("claim", claim, ("kind", "lower", "upper"))
     if not isinstance(claim["kind"], str) or claim["kind"] not in KINDS:
         raise CertificateError(f"claim.kind is {repr(claim['kind'])}; needs one of {', '.join(KINDS)}.")
@@ -177,7 +177,7 @@ def check_claim(claim: Any) -> tuple[str, ...]:
 
 
 def check_entry(place: str, entry: Any, source: ShapeSize, target: ShapeSize) -> None:
-    """CertificateError unless a cell has all that the proof reads, with feet inside the domains of their pieces."""
+    """Raise CertificateError unless a cell has all that the proof reads, with feet in the domains of their pieces."""
     check_keys(place, entry, ("piece", "cell", "feet", "multipliers", "bound", *["zero"] * source.is_surface))
     check_index(f"{place}.piece", entry["piece"], source.pieces)
     check_numbers(f"{place}.bound", [entry["bound"]], 0.0)
@@ -246,7 +246,7 @@ def _check_foot(place: str, foot: Any, source: ShapeSize, target: ShapeSize) -> 
 
 
 def check_place(place: str, row: Any, size: ShapeSize, most: float = 1.0) -> None:
-    """CertificateError unless a row of parameters, times `most`, lies in the domain of a piece."""
+    """Raise CertificateError unless a row of parameters, times `most`, lies in the domain of a piece."""
     count = sum(size.corners) - len(size.corners)
     row = check_list(place, row, count, count)
     check_parameters(place, row, most)
@@ -286,7 +286,7 @@ def _check_witness(witness: Any, directions: Sequence[str], sizes: Mapping[str, 
 
 
 def digest(shape: Mapping[str, Any]) -> str:
-    """The SHA-256 of a shape: of its kind, and of each array its sizes and its numbers, as doubles of little end."""
+    """Return the SHA-256 of a shape: of its kind, and of the sizes and little-endian doubles of each array."""
     found = sha256(shape["kind"].encode())
     for name in SHAPES[shape["kind"]]:
         numbers, sizes = shape[name], []
@@ -294,7 +294,7 @@ def digest(shape: Mapping[str, Any]) -> str:
             sizes.append(len(numbers))
             numbers = [x for row in numbers for x in row] if isinstance(numbers[0], list) else tuple(numbers)
         flat = numbers or ()
-        # Sizes of nested lists are those of all of them together, which tells them apart as well.
+        # The sizes of nested lists are the sizes of all of them together, which also tells them apart.
         found.update(struct.pack(f"<{len(sizes) + 1}q", len(sizes), *sizes))
         found.update(struct.pack(f"<{len(flat)}d", *flat))
     return found.hexdigest()
@@ -304,7 +304,7 @@ def digest(shape: Mapping[str, Any]) -> str:
 
 
 def _check_shape(name: str, shape: Any) -> ShapeSize:
-    """The size of a shape, after all of its numbers have been looked at."""
+    """Return the size of a shape after a check of all its numbers."""
     kind = shape.get("kind") if isinstance(shape, Mapping) else None
     if not isinstance(kind, str) or kind not in SHAPES:
         raise CertificateError(f"{name}.kind is {repr(kind)}; needs one of {', '.join(SHAPES)}.")

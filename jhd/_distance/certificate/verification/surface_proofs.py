@@ -40,7 +40,7 @@ from jhd._distance.certificate.verification.zeros import (
 
 
 def slack_of(e: Part, bound: float | Fraction) -> ZeroForm:
-    """bound^2 w^2 - |e|^2 of a difference e / w."""
+    """Return bound^2 w^2 - |e|^2 for a difference e / w."""
     top, whole = Fraction(bound).as_integer_ratio()
     degree = tuple(2 * n for n in e.degree)
     weights = elevated(square(e.weight), e.domain, tuple(2 * n for n in e.weight_degree), degree)
@@ -57,15 +57,15 @@ def failure_of_surface_cell(
     entry: Mapping[str, Any],
     parts: int = MOST_PARTS,
 ) -> str | None:
-    """Why the bound of a cell is not proven; None where it is.
+    """Return why the bound of a cell is not proven; None if it is.
 
     Args:
         source: the piece of the cell.
         cell: the map of a simplex onto it.
         targets: the pieces of the other shape.
-        zeros: the polynomials of both shapes, None of those that are no surfaces.
-        entry: the cell as it stands in a certificate.
-        parts: in how many parts to try.
+        zeros: the polynomials of both shapes, None for shapes that are no surfaces.
+        entry: the cell as stored in a certificate.
+        parts: largest number of parts to try.
     """
     mine, other = zeros
     part = composed(source, cell)
@@ -102,7 +102,7 @@ def failure_of_surface_cell(
 
 
 def joined(mine: Part, other: Part) -> tuple[Part, Part, Domain]:
-    """Two parts on the product of their domains."""
+    """Return two parts on the product of their domains, and this domain."""
     moved = shifted(other, sum(len(variables) for variables in mine.domain))
     domain = mine.domain + moved.domain
     ahead = (0,) * len(mine.domain)
@@ -117,14 +117,14 @@ def failure_of_pair(
     bound: float | Fraction,
     most_parts: int = MOST_PARTS,
 ) -> str | None:
-    """Why it is not proven that two parts, or the zeros in them, are `bound` apart; None where it is.
+    """Return why it is not proven that two parts, or the zeros in them, are `bound` apart; None if it is.
 
     Args:
-        parts: of both shapes, each on a domain of its own.
-        zeros: the polynomials of those that are surfaces.
+        parts: parts of both shapes, each on a domain of its own.
+        zeros: the polynomials of the parts that belong to surfaces.
         numbers: their multipliers.
         bound: the distance.
-        most_parts: in how many parts to try.
+        most_parts: largest number of parts to try.
     """
     mine, there, domain = joined(*parts)
     found = negative(slack_of(difference(mine, there), bound))

@@ -1,11 +1,12 @@
 """The structure of the parts of a certificate that belong to implicit surfaces.
 
 - The shape: `coefficients` of x^i y^j z^k, and the corners `lower` and `upper` of the box that holds its zeros.
-- A point of it: `at` and `way`, three coordinates each, in space. The polynomial changes its sign between at - way and
-  at + way, or is zero at both.
-- A foot on it: `map`, the point as one row, or as one row for each corner of the cell; `way`, in the same form; `zero`,
-  the multiplier of the foot.
-- A cell of it: `zero`, the multiplier of the cell, which is null if the cell holds no zero; such a cell has no feet.
+- A point of the surface: `at` and `way`, three coordinates each, in space. The polynomial changes its sign between
+  at - way and at + way, or is zero at both.
+- A foot on the surface: `map`, the point as one row, or as one row for each corner of the cell; `way`, in the same
+  form; `zero`, the multiplier of the foot.
+- A cell of the surface: `zero`, the multiplier of the cell, which is null if the cell holds no zero; such a cell has no
+  feet.
 """
 
 import math
@@ -25,7 +26,7 @@ LARGEST, LARGEST_IN_ALL = 10, 12
 
 
 def check_surface(name: str, shape: Mapping[str, Any]) -> int:
-    """The total degree of a polynomial; CertificateError unless the shape is one with its box."""
+    """Return the total degree of a polynomial; raise CertificateError unless the shape is one with its box."""
     place, degree = f"{name}.coefficients", -1
     rows = check_list(place, shape["coefficients"], 1, LARGEST + 1)
     columns = len(check_list(f"{place}[0]", rows[0], 1, LARGEST + 1))
@@ -44,14 +45,14 @@ def check_surface(name: str, shape: Mapping[str, Any]) -> int:
 
 
 def check_surface_place(place: str, found: Any, more: tuple[str, ...] = ()) -> None:
-    """CertificateError unless it is a place of a surface, with these keys besides."""
+    """Raise CertificateError unless `found` is a point of a surface, with the keys `more` in addition."""
     check_keys(place, found, ("at", "way", *more))
     for key in ("at", "way"):
         check_parameters(f"{place}.{key}", check_list(f"{place}.{key}", found[key], 3, 3), math.inf, -math.inf)
 
 
 def check_surface_foot(place: str, foot: Any, corners: int) -> None:
-    """CertificateError unless it is a foot on a surface of a cell with so many corners."""
+    """Raise CertificateError unless `foot` is a foot on a surface, for a cell with `corners` corners."""
     check_keys(place, foot, ("map", "way", "zero"))
     rows = check_list(f"{place}.map", foot["map"])
     if len(rows) not in (1, corners):
@@ -63,7 +64,7 @@ def check_surface_foot(place: str, foot: Any, corners: int) -> None:
 
 
 def check_multiplier(place: str, numbers: Any, corners: int) -> None:
-    """CertificateError unless it is a number, or one for each corner."""
+    """Raise CertificateError unless it is a number, or a list with one for each corner."""
     if len(check_list(place, numbers, 1, corners)) not in (1, corners):
         raise CertificateError(f"{place} has {len(numbers)} numbers; needs one of 1, {corners}.")
     check_parameters(place, numbers, math.inf, -math.inf)

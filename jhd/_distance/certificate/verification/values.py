@@ -14,11 +14,11 @@ class CertificateError(ValueError):
 
 
 class UncheckedCertificateError(CertificateError):
-    """The time was over before a certificate was checked."""
+    """The time limit ended before a certificate was checked."""
 
 
 def check_keys(place: str, value: Any, keys: Sequence[str], more: Sequence[str] = ()) -> None:
-    """CertificateError unless it is an object of these keys, and of no others but `more`."""
+    """Raise CertificateError unless it is an object with these keys, and no others except `more`."""
     if not isinstance(value, Mapping):
         raise CertificateError(f"{place} is {repr(value)}; needs an object with {', '.join(keys)}.")
     for key in keys:
@@ -30,7 +30,7 @@ def check_keys(place: str, value: Any, keys: Sequence[str], more: Sequence[str] 
 
 
 def check_list(place: str, value: Any, least: int = 1, most: int | None = None) -> Sequence[Any]:
-    """The value; CertificateError unless it is a list of so many."""
+    """Return the value; raise CertificateError unless it is a list of `least` to `most` entries."""
     if not isinstance(value, list) or len(value) < least or (most is not None and len(value) > most):
         wanted = f"at least {least}" if most is None else f"{least}" if least == most else f"{least} to {most}"
         raise CertificateError(f"{place} is {repr(value)}; needs a list of {wanted}.")
@@ -38,7 +38,7 @@ def check_list(place: str, value: Any, least: int = 1, most: int | None = None) 
 
 
 def check_numbers(place: str, values: Sequence[Any], least: float = -math.inf, most: float = math.inf) -> None:
-    """CertificateError unless all of them are floats in the range."""
+    """Raise CertificateError unless all of them are floats in the range."""
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise CertificateError(f"{place} holds {repr(value)}; needs a number.")
@@ -49,20 +49,20 @@ def check_numbers(place: str, values: Sequence[Any], least: float = -math.inf, m
 
 
 def check_positive(place: str, values: Sequence[Any]) -> None:
-    """CertificateError unless all of them are positive floats."""
+    """Raise CertificateError unless all of them are positive floats."""
     check_numbers(place, values)
     if min(values) <= 0:
         raise CertificateError(f"{place} holds {min(values)!r}; needs positive numbers.")
 
 
 def check_index(place: str, value: Any, count: int) -> None:
-    """CertificateError unless it is a number of one of so many."""
+    """Raise CertificateError unless it is an index below `count`."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
         raise CertificateError(f"{place} is {repr(value)}; needs a whole number from 0 to {count - 1}.")
 
 
 def check_parameters(place: str, values: Sequence[Any], most: float = 1.0, least: float = 0.0) -> None:
-    """CertificateError unless all of them are floats in the range, with few bits."""
+    """Raise CertificateError unless all of them are floats in the range, with few bits."""
     check_numbers(place, values, least, most)
     for value in values:
         if float(value).as_integer_ratio()[1].bit_length() > MOST_BITS or abs(value) > 2.0**MOST_BITS:

@@ -17,12 +17,12 @@ _CELL, _PRODUCT, _BITS = 3e-5, 3e-8, 200
 
 
 def count_of(cells: Any) -> int:
-    """The number of cells; 0 where it is not known before they are read."""
+    """Return the number of cells; 0 if it is not known before they are read."""
     return len(cells) if isinstance(cells, Sized) else 0
 
 
 def expected_seconds(cells: Mapping[str, Any] | None, sizes: Mapping[str, ShapeSize]) -> float:
-    """The least time that the cells of a largest distance take, in seconds.
+    """Return the least time in seconds to check the cells of a largest distance.
 
     Args:
         cells: the cells of each direction.

@@ -42,7 +42,7 @@ class ZeroSet(NamedTuple):
 
 
 class ZeroForm(NamedTuple):
-    """A polynomial on a domain, in its degree there, and multiplied with 2^bits."""
+    """A polynomial on a domain, in its degree there, and multiplied by 2^bits."""
 
     terms: Polynomial
     degree: Degree
@@ -50,7 +50,7 @@ class ZeroForm(NamedTuple):
 
 
 def zeros_of(shape: Mapping[str, Any]) -> ZeroSet | None:
-    """The polynomial of a surface; None of other shapes."""
+    """Return the polynomial of a surface; None for other shapes."""
     if shape["kind"] != "surface":
         return None
     flat = {
@@ -69,7 +69,7 @@ def zeros_of(shape: Mapping[str, Any]) -> ZeroSet | None:
 
 
 def plus(x: ZeroForm, y: ZeroForm, domain: Domain) -> ZeroForm:
-    """The sum."""
+    """Return the sum."""
     degree = tuple(map(max, zip(x.degree, y.degree, strict=True)))
     if math.prod(math.comb(n + len(v) - 1, n) for n, v in zip(degree, domain, strict=True)) > _MOST_TERMS:
         raise CertificateError(f"a polynomial of degrees {degree} is too large to be checked.")
@@ -79,18 +79,18 @@ def plus(x: ZeroForm, y: ZeroForm, domain: Domain) -> ZeroForm:
 
 
 def times(x: ZeroForm, y: ZeroForm) -> ZeroForm:
-    """The product."""
+    """Return the product."""
     degree = tuple(map(sum, zip(x.degree, y.degree, strict=True)))
     return ZeroForm(product(x.terms, y.terms), degree, x.bits + y.bits)
 
 
 def negative(x: ZeroForm) -> ZeroForm:
-    """The negative."""
+    """Return the negative."""
     return x._replace(terms={i: -c for i, c in x.terms.items()})
 
 
 def of_corners(numbers: Sequence[float], domain: Domain, used: Sequence[int]) -> ZeroForm:
-    """A number, or one for each corner of a product of some simplices of a domain, interpolated."""
+    """Return a number, or interpolate one for each corner of a product of some simplices of a domain."""
     values, bits = integers(numbers)
     degree = tuple(int(len(numbers) > 1 and k in used) for k in range(len(domain)))
     if len(numbers) == 1:
@@ -102,7 +102,7 @@ def of_corners(numbers: Sequence[float], domain: Domain, used: Sequence[int]) ->
 
 
 def value_on(zeros: ZeroSet, part: Part) -> ZeroForm:
-    """The polynomial after a part without weights."""
+    """Return the composition of the polynomial with a part without weights."""
     if len(part.weight) > 1 or part.weight[0] != 1 << part.bits:
         raise CertificateError("an implicit surface is composed with a piece that has weights.")
     unit = one(part.domain, part.degree)
@@ -123,13 +123,13 @@ def value_on(zeros: ZeroSet, part: Part) -> ZeroForm:
 
 
 def extended(part: Part, domain: Domain) -> Part:
-    """A part of the first simplices of a domain, constant on the others."""
+    """Return a part of the first simplices of a domain, constant on the others."""
     more = (0,) * (len(domain) - len(part.domain))
     return part._replace(domain=domain, degree=part.degree + more, weight_degree=part.weight_degree + more)
 
 
 def shifted(part: Part, by: int) -> Part:
-    """The same part with variables of higher numbers."""
+    """Return the part with variables renumbered by adding `by`."""
 
     def moved(f: Polynomial) -> Polynomial:
         return {i * variable(by): c for i, c in f.items()}
@@ -139,14 +139,14 @@ def shifted(part: Part, by: int) -> Part:
 
 
 def is_free(zeros: ZeroSet, part: Part) -> bool:
-    """Whether all Bernstein coefficients of the polynomial on a part have one sign, so that it has no zero there."""
+    """Return whether all Bernstein coefficients of the polynomial on a part have one sign, so that it has no zero."""
     value = value_on(zeros, part)
     count = math.prod(math.comb(n + len(v) - 1, n) for n, v in zip(value.degree, part.domain, strict=True))
     signs = {(c > 0) - (c < 0) for c in value.terms.values()}
     return len(value.terms) == count and signs in ({1}, {-1})
 
 
-# ---- places --------------------------------------------------------------------------------------
+# ---- points --------------------------------------------------------------------------------------
 
 
 class NearZero(NamedTuple):
@@ -157,7 +157,7 @@ class NearZero(NamedTuple):
 
 
 def place_of(zeros: ZeroSet, place: Mapping[str, Any], name: str) -> NearZero:
-    """The place of a surface; CertificateError unless there is a change of sign in the box."""
+    """Return the point of a surface; raise CertificateError unless there is a change of sign in the box."""
     ends = [place_in(zeros, [x + s * Fraction(w) for x, w in _both(place)]) for s in (-1, 1)]
     if None in ends:
         raise CertificateError(f"{name} is not in the box of its surface.")
@@ -174,7 +174,7 @@ def _both(place: Mapping[str, Any]) -> list[tuple[Fraction, float]]:
 
 
 def place_in(zeros: ZeroSet, x: Sequence[Fraction]) -> Sequence[Fraction] | None:
-    """The place, if it is in the box."""
+    """Return the point, if it is in the box."""
     inside = all(low <= t <= high for low, t, high in zip(zeros.lower, x, zeros.upper, strict=True))
     return x if inside else None
 
@@ -184,7 +184,7 @@ def _value(zeros: ZeroSet, x: Sequence[Fraction]) -> Fraction:
 
 
 def length_of(way: Sequence[float]) -> Fraction:
-    """A number that is not below the length of a vector, and very little above it."""
+    """Return an upper bound of the length of a vector, very close to it."""
     numbers, bits = integers(way)
     square = sum(x * x for x in numbers) << 128
     root = math.isqrt(square)
@@ -195,19 +195,19 @@ def length_of(way: Sequence[float]) -> Fraction:
 
 
 class Tube(NamedTuple):
-    """A foot on a surface: the places q + s n on a cell times an interval, and q - n and q + n on the cell."""
+    """A foot on a surface: the points q + s n on a cell times an interval, and q - n and q + n on the cell."""
 
     places: Part
     ends: tuple[Part, Part]
 
 
 def tube_of(foot: Mapping[str, Any], domain: Domain, interval: int) -> Tube:
-    """The tube of a foot.
+    """Return the tube of a foot.
 
     Args:
-        foot: as it stands in a certificate.
+        foot: the foot as stored in a certificate.
         domain: the cell, and intervals for feet.
-        interval: the number of the foot's.
+        interval: the index of the interval of this foot.
     """
     rows, way = foot["map"], foot["way"]
     numbers, bits = integers([x for column in zip(*rows, strict=True) for x in column] + list(way))
@@ -229,7 +229,7 @@ def tube_of(foot: Mapping[str, Any], domain: Domain, interval: int) -> Tube:
 
 
 def is_in_box(zeros: ZeroSet, foot: Mapping[str, Any]) -> bool:
-    """Whether both ends of a tube lie in the box over all of the cell."""
+    """Return whether both ends of a tube lie in the box over the whole cell."""
     return all(
         place_in(zeros, [Fraction(x) + s * Fraction(w) for x, w in zip(row, foot["way"], strict=True)]) is not None
         for row in foot["map"]

@@ -11,7 +11,7 @@ from jhd._distance.published.events.host_pair import HostPair
 from jhd._distance.published.events.survivors import EventPieces, SurvivingFeet, everywhere, pairs, survivors, triples
 from jhd._distance.published.events.systems import NO_EVENTS, Events, Systems, solve
 
-# Newton's steps, which end where no parameter moves by more.
+# Newton's steps, which end if no parameter moves by more.
 _NEWTON_STEPS, _SETTLED = 8, 2.0**-44
 
 
@@ -24,12 +24,12 @@ class Search(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Places of a, by segments of the solver: (candidates,) arrays.
+    """Points of a, by segments of the solver: (candidates,) arrays.
 
     Args:
-        segment: which.
-        t: where.
-        bound: no less than the distance there, to be measured where it is large.
+        segment: index of the segment.
+        t: parameter on the segment.
+        bound: upper bound of the distance, which is measured if the bound is large.
     """
 
     segment: np.ndarray
@@ -47,7 +47,7 @@ class Unresolved(NamedTuple):
 
 
 class Stats(NamedTuple):
-    """What the search did, and what it left; pairs are those of pieces and parts of b that were looked at."""
+    """Counts of the search, and unresolved boxes; pairs are the examined pairs of pieces and parts of b."""
 
     pairs: int
     boxes: int
@@ -60,7 +60,7 @@ class Stats(NamedTuple):
 def candidate_events(
     pair: HostPair, pieces: EventPieces, search: Search, feet: SurvivingFeet | None = None
 ) -> tuple[Candidates, Stats]:
-    """Isolated points of a, ends of its segments in the pieces, and all events with their maximum there."""
+    """Return isolated points of a, ends of its segments in the pieces, and all events on the pieces."""
     a, b = pair.a, pair.b
     feet = everywhere(b, len(pieces.segment)) if feet is None else feet
     parts: list[tuple[np.ndarray, ...]] = []
@@ -86,7 +86,7 @@ def candidate_events(
 
 
 def _groups(pair: HostPair, pieces: EventPieces, feet: SurvivingFeet) -> Iterator[list[Systems]]:
-    """The systems of the pieces, in portions: pairs, triples, triples on one segment."""
+    """Yield the systems of the pieces, in portions: pairs, triples, triples on one segment."""
     kept = survivors(pair.a, pair.b, pieces, feet)
     antipodal, none = pairs(pieces, kept), np.zeros(0, int)
     for two, on_one in triples(pair.b, pieces, kept):
@@ -95,14 +95,14 @@ def _groups(pair: HostPair, pieces: EventPieces, feet: SurvivingFeet) -> Iterato
 
 
 def near_ends(points: np.ndarray, b: Curve) -> np.ndarray:
-    """Distances of points (count, 2) to the nearest end of a segment of b."""
+    """Return the distances of points (count, 2) to the nearest end of a segment of b."""
     ends = np.concatenate([b.points[0], b.points[-1]], axis=1)
     squares = sum((points[:, k, None] - ends[k]) ** 2 for k in (0, 1))
     return np.sqrt(np.min(squares, axis=1))
 
 
 def _distances(a: Curve, b: Curve, found: Events) -> Unresolved:
-    """The boxes that are no roots; the distance is at most that to any foot, an event's that to both."""
+    """Return the boxes that are no roots, with bounds of the distances to both feet."""
     rows = np.flatnonzero(~found.isolated)
     segment, box = found.segment[:, rows], found.box[:, :, rows]
     if not len(rows):
@@ -113,7 +113,7 @@ def _distances(a: Curve, b: Curve, found: Events) -> Unresolved:
 
 
 def _refined(a: Curve, b: Curve, found: Events) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Segments, parameters and distances of the events, by Newton's method inside their boxes from the middles."""
+    """Return segments, parameters and distances of the events, by Newton's method from the middles of their boxes."""
     if not found.segment.shape[1]:
         return np.zeros(0, int), np.zeros(0), np.zeros(0)
     p, q, w = a.points[..., found.segment[0]], b.points[..., found.segment[1]], b.points[..., found.segment[2]]
@@ -134,7 +134,7 @@ def _refined(a: Curve, b: Curve, found: Events) -> tuple[np.ndarray, np.ndarray,
 
 
 def _newton_step(a: Any, r: Any, s: Any, two: np.ndarray, still: list[np.ndarray]) -> np.ndarray:
-    """Newton's step of the equations (12) or (13) of Kim et al. 2010, by Cramer's rule; a foot in a point stays."""
+    """Return Newton's step for equations (12) or (13) of Kim et al. 2010, by Cramer's rule; a foot in a point stays."""
 
     def dot(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return x[0] * y[0] + x[1] * y[1]

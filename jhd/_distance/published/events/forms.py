@@ -1,13 +1,13 @@
 """Polynomials of two points on two curves, as Bernstein coefficients on boxes, with bounds of their rounding errors.
 
 With h(t, s) = 2 A(t).B(s) - |B(s)|^2 the squared distance is |A|^2 - h, and a foot is where h_s / 2 = (A - B).B' = 0.
-All of it runs in NumPy: the arrays are short in all but the last axis, which counts boxes, and nothing has to be
+Everything runs in NumPy: the arrays are short in all but the last axis, which counts boxes, and nothing has to be
 compiled for a degree or size.
 
 Rounding. Coordinates are at most one, and an operation errs by u = 2^-53 (NumPy rounds to nearest; subnormals stay).
 Restricted control points are off by gamma(9 n) each (`jhd._arithmetic.box_systems`), relative to an origin by
-eta = gamma(9 n + 4); those of the velocity by gamma(9 n) V with V its largest coordinate on the segment. With D and w
-the largest coordinates of the pieces of a and b about the origin, the products of two sums:
+eta = gamma(9 n + 4); control points of the velocity by gamma(9 n) V with V its largest coordinate on the segment. With
+D and w the largest coordinates of the pieces of a and b about the origin, the products of two sums:
 
  - h is off by at most 8 eta (D + w) for the points and gamma(2 n + 8) (4 D w + 2 w^2) <= gamma(16 n + 64) (D + w) for
    the products, their sums with weights that sum to one, and the difference: gamma(88 n + 104) (D + w);
@@ -37,11 +37,11 @@ class Curve(NamedTuple):
     Args:
         points: control points.
         velocity: control points of the derivatives (points - 1, 2, segments).
-        speed: the largest coordinate of those, (segments,).
-        moving: number of segments that are no such points.
-        next_segment: which segment goes on smoothly where one ends, -1 where none does.
+        speed: their largest coordinate, (segments,).
+        moving: number of segments that are no points.
+        next_segment: the segment that continues smoothly at the end of each, -1 if there is none.
         start_of: for each segment that is a point, the segment that starts there, else -1.
-        end_of: likewise the one that ends there.
+        end_of: for each segment that is a point, the segment that ends there, else -1.
     """
 
     points: np.ndarray
@@ -54,7 +54,7 @@ class Curve(NamedTuple):
 
 
 def restricted(c: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Control points (points, 2, boxes) on [t0, t1]; `box_systems.restrict` says why it takes two passes."""
+    """Return the control points (points, 2, boxes) on [t0, t1], in two passes, see `box_systems.restrict`."""
     c, n, (t0, t1) = c.copy(), len(c) - 1, side
     inner = t0 < 1
     v = np.where(inner, (t1 - t0) / np.where(inner, 1 - t0, 1.0), 0.0)
@@ -74,13 +74,13 @@ class EventForm(NamedTuple):
 
 @cache
 def _square_map(n: int) -> np.ndarray:
-    """The (2 n + 1, (n + 1)^2) matrix that gathers products of coefficients into those of a square."""
+    """Return the (2 n + 1, (n + 1)^2) matrix from products of coefficients to the coefficients of a square."""
     weights, index = product_weights(n, n), np.add.outer(np.arange(n + 1), np.arange(n + 1))
     return (index.ravel() == np.arange(2 * n + 1)[:, None]) * weights.ravel()
 
 
 def h_form(a: np.ndarray, b: np.ndarray) -> EventForm:
-    """2 A.B - |B|^2 for pieces relative to an origin near b."""
+    """Return 2 A.B - |B|^2 for pieces relative to an origin near b."""
     n, boxes = len(a) - 1, a.shape[-1]
     raised = (elevation_matrix(n, 2 * n) @ b.reshape(n + 1, -1)).reshape(2 * n + 1, 2, boxes)
     squares = b[:, None, 0] * b[None, :, 0] + b[:, None, 1] * b[None, :, 1]
@@ -91,32 +91,32 @@ def h_form(a: np.ndarray, b: np.ndarray) -> EventForm:
 
 
 class EventPiece(NamedTuple):
-    """A part of a segment: control points (n + 1, 2, boxes), those of the velocity (n, 2, boxes), largest velocity."""
+    """A part of a segment: control points (n + 1, 2, boxes), those for velocity (n, 2, boxes), largest velocity."""
 
     points: np.ndarray
     velocity: np.ndarray
     speed: np.ndarray
 
     def about(self, origin: np.ndarray) -> "EventPiece":
-        """Relative to an origin."""
+        """Return the part relative to an origin."""
         return self._replace(points=self.points - origin)
 
 
 def piece_of(curve: Curve, segment: np.ndarray, side: np.ndarray) -> EventPiece:
-    """The parts of these segments."""
+    """Return the parts of these segments."""
     velocity = curve.velocity[..., segment]
     return EventPiece(restricted(curve.points[..., segment], side), restricted(velocity, side), curve.speed[segment])
 
 
 @cache
 def _product_map(n: int) -> np.ndarray:
-    """The (2 n, (n + 1) n) matrix that gathers products of coefficients of degrees n and n - 1."""
+    """Return the (2 n, (n + 1) n) matrix that sums products of coefficients of degrees n and n - 1."""
     weights, index = product_weights(n, n - 1), np.add.outer(np.arange(n + 1), np.arange(n))
     return (index.ravel() == np.arange(2 * n)[:, None]) * weights.ravel()
 
 
 def foot_form(a: np.ndarray, b: EventPiece, side: np.ndarray | None = None) -> EventForm:
-    """(A - B).B' = h_s / 2 for pieces relative to an origin near b, (n + 1, 2 n, boxes); it may be wrong at joints.
+    """Return (A - B).B' = h_s / 2 for pieces relative to an origin near b, (n + 1, 2 n, boxes).
 
     `side` is the part of the segment of b: at an end of the whole segment, a foot in a joint whose tangents differ by
     an angle below `CORNER_ANGLE` leaves |A - B| |B'| times that angle.
@@ -135,26 +135,26 @@ def foot_form(a: np.ndarray, b: EventPiece, side: np.ndarray | None = None) -> E
 
 
 def may_vanish(form: EventForm) -> np.ndarray:
-    """Whether the coefficients allow a root."""
+    """Return whether the coefficients allow a root."""
     axes = tuple(range(form.c.ndim - 1))
     return (form.c.min(axes) <= form.error) & (form.c.max(axes) >= -form.error)
 
 
 def mean_slope(c: np.ndarray, axis: int) -> np.ndarray:
-    """The mean difference of the last and the first coefficients along an axis."""
+    """Return the mean difference of the last and the first coefficients along an axis."""
     other = tuple(k for k in range(c.ndim - 2))
     return (np.take(c, -1, axis) - np.take(c, 0, axis)).mean(other)
 
 
 def ramp(count: int, axis: int, variables: int) -> np.ndarray:
-    """The coefficients of one variable itself, to be broadcast over the others."""
+    """Return the coefficients of one variable itself, to be broadcast over the others."""
     shape = [1] * (variables + 1)
     shape[axis] = count
     return np.linspace(0.0, 1.0, count).reshape(shape)
 
 
 def bounds(rest: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Range of a remainder; forming it costs three roundings, of terms three times its coefficients at the most."""
+    """Return the range of a remainder formed with three roundings, of terms at most three times its coefficients."""
     axes = tuple(range(rest.ndim - 1))
     low, high = rest.min(axes), rest.max(axes)
     error = error + 1e-14 * np.maximum(np.abs(low), np.abs(high))
@@ -162,10 +162,10 @@ def bounds(rest: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def cut_by(side: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The part of a side where slope x + rest = 0 for some rest in [low, high]."""
+    """Return the part of a side on which slope x + rest = 0 for some rest in [low, high]."""
     steep = np.abs(slope) > 1e-200
     safe = np.where(steep, slope, 1.0)
-    # An overflowing quotient is no bound, which is what infinity says.
+    # An overflowing quotient is no bound: infinity.
     with np.errstate(over="ignore"):
         first, last = -low / safe, -high / safe
     below = np.where(steep, np.minimum(first, last), -np.inf)
@@ -174,7 +174,7 @@ def cut_by(side: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarra
 
 
 def linear_cut(side: np.ndarray, form: EventForm, axis: int) -> np.ndarray:
-    """Cuts the side of one variable by one equation, over all values of the others."""
+    """Cut the side of one variable by one equation, over all values of the others."""
     slope = mean_slope(form.c, axis)
     size = 1e-14 * np.abs(slope)
     rest = form.c - ramp(form.c.shape[axis], axis, form.c.ndim - 1) * slope
@@ -182,12 +182,12 @@ def linear_cut(side: np.ndarray, form: EventForm, axis: int) -> np.ndarray:
 
 
 def extent(piece: np.ndarray) -> np.ndarray:
-    """Largest side of the box of the control points."""
+    """Return the largest side of the box of the control points."""
     return (piece.max(0) - piece.min(0)).max(0)
 
 
 def hull_distances(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of all distances between two pieces, (points, 2, boxes), by their hulls, rounding included.
+    """Bound all distances between two pieces, (points, 2, boxes), by their hulls, rounding included.
 
     From below, the gap of the projections on the line of the centers; from above, the farthest two control points.
     """
@@ -202,5 +202,5 @@ def hull_distances(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def unwanted(distances: tuple[np.ndarray, np.ndarray], wanted: np.ndarray) -> np.ndarray:
-    """Boxes with no distance in the interval of those that matter."""
+    """Return which boxes have no distance in the interval that matters."""
     return (distances[1] < wanted[0]) | (distances[0] > wanted[1])

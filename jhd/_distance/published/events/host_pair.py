@@ -9,12 +9,12 @@ from jhd._runtime.arrays import is_traced
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.unchecked import trusted
 
-# Tangents shorter than this share of their segment have no direction.
+# Tangents shorter than this fraction of their segment have no direction.
 _STILL = 1e-9
 
 
 def check_served(method: str, a: BezierSegments, b: BezierSegments) -> None:
-    """Raises TypeError, naming the methods that serve, for curves that the systems are not made for."""
+    """Raise TypeError, naming the methods that serve, for curves that the systems do not support."""
     others = "BranchAndBound() and TwoStep() serve it."
     if is_traced(a, b):
         raise TypeError(f"{method} needs known control points, not traced ones; under jit {others}")
@@ -29,10 +29,10 @@ class HostSide(NamedTuple):
     """One curve for the solver and for the proof of distances.
 
     Args:
-        curve: for the solver.
-        index: for each segment and isolated point of it the stored segment, -1 for free ends and corners.
-        isolated: which of its segments are isolated points.
-        stored: in common coordinates, polynomial.
+        curve: the curve for the solver.
+        index: for each of its segments and isolated points the stored segment, -1 for free ends and corners.
+        isolated: indices of its segments that are isolated points.
+        stored: the curve in common coordinates, polynomial.
         skip: which stored segments repeat the one before.
     """
 
@@ -44,14 +44,14 @@ class HostSide(NamedTuple):
 
     @property
     def moving(self) -> np.ndarray:
-        """For each stored segment its number among those of the solver that are no points, else -1."""
+        """For each stored segment its index among the solver's segments that are no points, else -1."""
         number = np.full(self.stored.count, -1)
         number[self.index[: self.curve.moving]] = np.arange(self.curve.moving)
         return number
 
     @classmethod
     def of(cls, curve: BezierSegments) -> "HostSide":
-        """From the common coordinates; repeated segments are left out."""
+        """Build from the common coordinates; repeated segments are left out."""
         stored = trusted(np.asarray(curve.control_points), None, np.asarray(curve.next_segment))
         skip = _repeated(stored)
         made, index = _curve(stored, ~skip)
@@ -66,11 +66,11 @@ class HostPair(NamedTuple):
 
     @classmethod
     def of(cls, a: BezierSegments, b: BezierSegments) -> "HostPair":
-        """From the common coordinates."""
+        """Build from the common coordinates."""
         return cls(HostSide.of(a), HostSide.of(b))
 
     def reversed(self) -> "HostPair":
-        """For the other direction."""
+        """Return the pair for the opposite direction."""
         return HostPair(self.second, self.first)
 
     @property
@@ -80,7 +80,7 @@ class HostPair(NamedTuple):
 
     @property
     def b(self) -> Curve:
-        """The other one."""
+        """The target curve, for the solver."""
         return self.second.curve
 
     @property
@@ -90,17 +90,17 @@ class HostPair(NamedTuple):
 
     @property
     def isolated(self) -> np.ndarray:
-        """Which segments of a are isolated points."""
+        """Indices of the segments of a that are isolated points."""
         return self.first.isolated
 
     @property
     def stored(self) -> tuple[BezierSegments, BezierSegments]:
-        """Both in common coordinates."""
+        """Both curves in common coordinates."""
         return self.first.stored, self.second.stored
 
     @property
     def skip(self) -> np.ndarray:
-        """Which stored segments of b repeat others."""
+        """Whether each stored segment of b repeats another."""
         return self.second.skip
 
 
@@ -110,9 +110,9 @@ def _repeated(curve: BezierSegments) -> np.ndarray:
 
 
 def _curve(curve: BezierSegments, kept: np.ndarray) -> tuple[Curve, np.ndarray]:
-    """Segments that are no points, then the free ends, corners and points as segments of one point.
+    """Return segments that are no points, then free ends, corners and points as segments of one point; and an index.
 
-    With it the index of each segment and isolated point in the stored curve, -1 for free ends and corners.
+    The index gives the stored segment of each segment and isolated point, -1 for free ends and corners.
     """
     points, next_segment = np.asarray(curve.control_points, np.float64), np.asarray(curve.next_segment)
     representative = np.flatnonzero(kept)[np.cumsum(kept) - 1]
@@ -152,7 +152,7 @@ def _curve(curve: BezierSegments, kept: np.ndarray) -> tuple[Curve, np.ndarray]:
 
 
 def _smooth(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Whether the tangents at the joints of two rows of segments are one, and not too short to tell."""
+    """Return whether the tangents at the joints of two rows of segments agree, and are not too short to tell."""
     if before.shape[1] < 2:
         return np.zeros(len(before), bool)
     x, y = before[:, -1] - before[:, -2], after[:, 1] - after[:, 0]

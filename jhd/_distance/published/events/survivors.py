@@ -21,19 +21,19 @@ from jhd._distance.published.events.systems import BLOCK, SYSTEMS, Systems
 
 
 class EventPieces(NamedTuple):
-    """Parts of a where the maximum may lie: segment, interval (2, pieces), distances that matter (2, pieces)."""
+    """Parts of a that may hold the maximum: segment, interval (2, pieces), distances that matter (2, pieces)."""
 
     segment: np.ndarray
     side: np.ndarray
     wanted: np.ndarray
 
     def take(self, rows: np.ndarray) -> "EventPieces":
-        """Some of the pieces, or pieces again and again."""
+        """Return the pieces with these indices, which may repeat."""
         return EventPieces(self.segment[rows], self.side[:, rows], self.wanted[:, rows])
 
 
 def event_pieces(segment: np.ndarray, t0: np.ndarray, t1: np.ndarray, upper: np.ndarray, level: float) -> EventPieces:
-    """Intervals of segments, in order, neighbors as one; distances matter from the level to the largest bound."""
+    """Return intervals of segments as pieces, neighbors merged; distances matter from `level` to the bound."""
     if not len(segment):
         return EventPieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0)))
     goes_on = (segment[1:] == segment[:-1]) & (t0[1:] == t1[:-1])
@@ -44,11 +44,11 @@ def event_pieces(segment: np.ndarray, t0: np.ndarray, t1: np.ndarray, upper: np.
 
 
 class SurvivingFeet(NamedTuple):
-    """Parts of b where the feet of pieces may lie, in the order of the pieces; different parts do not touch inside.
+    """Parts of b that may hold the feet of pieces, in the order of the pieces; different parts have no common interior.
 
     Args:
-        piece: whose feet.
-        segment: of b.
+        piece: index of the piece that the feet belong to.
+        segment: segment of b.
         side: interval (2, feet); [0, 0] for segments of one point.
     """
 
@@ -57,12 +57,12 @@ class SurvivingFeet(NamedTuple):
     side: np.ndarray
 
     def take(self, rows: np.ndarray) -> "SurvivingFeet":
-        """Some of them."""
+        """Return the feet with these indices."""
         return SurvivingFeet(self.piece[rows], self.segment[rows], self.side[:, rows])
 
 
 def everywhere(b: Curve, count: int) -> SurvivingFeet:
-    """All of b, for each piece."""
+    """Return all of b for each piece."""
     segments = b.points.shape[-1]
     segment = np.tile(np.arange(segments), count)
     stop = (segment < b.moving).astype(float)
@@ -73,10 +73,10 @@ class Survivors(NamedTuple):
     """Feet that are possible by the signs of h_r and by their distances.
 
     Args:
-        feet: they.
-        lower: bounds of the distances.
-        upper: likewise.
-        single: the sign of h_rr, where it has one: then there is no second foot on the same part; else 0.
+        feet: the possible feet.
+        lower: lower bounds of the distances.
+        upper: upper bounds of the distances.
+        single: whether h_rr has one sign, which excludes a second foot on the same part.
     """
 
     feet: SurvivingFeet
@@ -86,7 +86,7 @@ class Survivors(NamedTuple):
 
 
 def survivors(a: Curve, b: Curve, pieces: EventPieces, feet: SurvivingFeet) -> Survivors:
-    """The parts of b on which h_r can vanish and distances that matter occur."""
+    """Return the parts of b on which h_r can vanish and distances that matter occur."""
     rows, bounds = [], []
     for start in range(0, len(feet.piece), BLOCK):
         stop = min(start + BLOCK, len(feet.piece))
@@ -107,15 +107,15 @@ def survivors(a: Curve, b: Curve, pieces: EventPieces, feet: SurvivingFeet) -> S
 
 
 def pairs(pieces: EventPieces, kept: Survivors) -> Systems:
-    """The antipodal systems; with the ends of b they are those of its events with one foot there."""
+    """Return the antipodal systems; with the ends of b they cover its events with one foot at an end."""
     feet, own = kept.feet, pieces.take(kept.feet.piece)
     return Systems(np.stack([own.segment, feet.segment]), np.stack([own.side, feet.side]), own.wanted)
 
 
 def triples(b: Curve, pieces: EventPieces, kept: Survivors) -> Iterator[tuple[Systems, Systems]]:
-    """The one-to-two systems on different segments and on one, for stretches of pieces: two feet that both survive.
+    """Yield the one-to-two systems on different segments and on one, for groups of pieces: pairs of surviving feet.
 
-    Both distances are one at an event, so their bounds must meet.
+    Both distances are equal at an event, so their bounds must meet.
     """
     count = len(pieces.segment)
     edges = np.searchsorted(kept.feet.piece, np.arange(count + 1))

@@ -1,7 +1,7 @@
 """The solver of the systems of all events: boxes are cut by the equations and halved until they are small.
 
 A box is a set of parameter intervals of one system. It is examined with the coefficients on it, blossomed from the
-control points themselves; linear bounds of the equations cut its sides, and it is halved where that gains little.
+control points themselves; linear bounds of the equations cut its sides, and it is halved if that gains little.
 
 With h(t, s) = 2 A(t).B(s) - |B(s)|^2 the systems, in the unit box of each piece, are
 
@@ -15,7 +15,7 @@ With h(t, s) = 2 A(t).B(s) - |B(s)|^2 the systems, in the unit box of each piece
 Ends and corners of b are segments of one point: h_r vanishes identically there, and the same systems hold.
 
 Two segments that meet, and an end and its own segment, have their common point as a trivial root. A box next to it is
-dropped where h' is strictly monotone from the one foot through the joint to the other: by Rolle's theorem there is one
+dropped if h' is strictly monotone from the one foot through the joint to the other: by Rolle's theorem there is one
 critical point then, not two. This is exact at an end; at a joint it takes a common tangent.
 
 Source: Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and R^3, GMP 2008;
@@ -49,15 +49,15 @@ from jhd._distance.published.events.forms import (
     unwanted,
 )
 
-# What cuts are widened by at least, which covers the rounding of the cut itself.
+# Cuts are widened by at least this, which covers the rounding of the cut itself.
 LEAST_PAD = 1e-14
-# Boxes examined together: the arrays of so many stay in the cache of a core for cubics.
+# Boxes examined together: for cubics, their arrays stay in the cache of a core.
 BLOCK = 1024
 # Systems in work at one time; each has at most `limit` boxes, which bounds the memory.
 SYSTEMS = 2048
-# A box whose largest side keeps more than this share is halved.
+# A box whose largest side keeps more than this fraction is halved.
 _KEPT = 0.7
-# Cuts are widened by this share of the box and by LEAST_PAD.
+# Cuts are widened by this fraction of the box and by LEAST_PAD.
 _PAD = 1e-3
 # Two roundings of a parameter in [0, 1].
 _ULP = 2.0**-52
@@ -66,7 +66,7 @@ _RESOLVED = 2.0**-40
 
 
 class EventCut(NamedTuple):
-    """What is left of each box: whether anything, and its sides (variables, 2, boxes) in units of the box."""
+    """Remainder of each box: whether there is any, and its sides (variables, 2, boxes) in units of the box."""
 
     alive: np.ndarray
     sides: np.ndarray
@@ -78,7 +78,7 @@ def _unit(count: int, boxes: int) -> np.ndarray:
 
 
 def pair_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> EventCut:
-    """Antipodal events: cuts by each equation, and by the inverse of the mean Jacobian."""
+    """Cut boxes of antipodal events by each equation, and by the inverse of the mean Jacobian."""
     p, q = piece_of(a, segment[0], box[0]), piece_of(b, segment[1], box[1])
     distances = hull_distances(p.points, q.points)
     origin = q.points.mean(0)
@@ -111,14 +111,14 @@ def pair_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted
 
 
 def _cut(alive: np.ndarray, sides: np.ndarray, pieces: list[np.ndarray]) -> EventCut:
-    # Widened as the children will be: an interval that rounding has emptied is none.
+    # Widened like the children: an interval that only rounding has emptied still counts.
     return EventCut(
         alive & np.all(sides[:, 1] - sides[:, 0] >= -LEAST_PAD, axis=0), sides, np.stack([extent(x) for x in pieces])
     )
 
 
 def triple_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> EventCut:
-    """One-to-two events with feet on different segments."""
+    """Cut boxes of one-to-two events with feet on different segments."""
     p = restricted(a.points[..., segment[0]], box[0])
     q = [piece_of(b, k, side) for k, side in zip(segment[1:], box[1:], strict=True)]
     distances = [hull_distances(p, piece.points) for piece in q]
@@ -150,7 +150,7 @@ def triple_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, want
 
 
 def same_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> EventCut:
-    """One-to-two events with both feet on one segment, r <= s."""
+    """Cut boxes of one-to-two events with both feet on one segment, r <= s."""
     p = restricted(a.points[..., segment[0]], box[0])
     low, high = np.minimum(box[1, 0], box[2, 0]), np.maximum(box[1, 1], box[2, 1])
     both, *q = (piece_of(b, segment[1], side) for side in (np.stack([low, high]), box[1], box[2]))
@@ -165,7 +165,7 @@ def same_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted
     alive &= ~_closing(a, b, segment, box, alive)
     width = high - low
     inside = [(side - low) / np.where(width > 0, width, 1.0) for side in box[1:]]
-    # The parameters in units of the hull are off by a few units of roundoff: a share of the range of the form.
+    # The parameters in units of the hull are off by a few units of roundoff: a fraction of the range of the form.
     differences = [_divided(whole, order, inside) for order in (1, 2)]
     for form in differences:
         alive &= may_vanish(form)
@@ -180,7 +180,7 @@ def same_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted
 
 @cache
 def _divided_map(degree: int, order: int) -> np.ndarray:
-    """The averages that make divided differences of the differences of h': ((m + 1)^2, m + 1), m = degree - order.
+    """Return averages that make divided differences from differences of h': ((m + 1)^2, m + 1), m = degree - order.
 
     h'[r, s] is the mean of h'' on [r, s], and h[r, r, s, s] the mean of h''' / 6 with the weight 6 u (1 - u)
     (Hermite-Genocchi). With the blossom F of the derivative, of degree m, its value at (1 - u) r + u s is the sum over
@@ -202,7 +202,7 @@ def _divided_map(degree: int, order: int) -> np.ndarray:
 
 
 def _divided(form: EventForm, order: int, inside: list[np.ndarray]) -> EventForm:
-    """h'[r, s] (order 1) or h[r, r, s, s] (order 2) up to a factor, from h', coefficients (t, r, s) on the box."""
+    """Return h'[r, s] (order 1) or h[r, r, s, s] (order 2) up to a factor, from coefficients (t, r, s) of h'."""
     n, degree, boxes = form.c.shape[0] - 1, form.c.shape[1] - 1, form.c.shape[2]
     c = np.diff(form.c, order, axis=1)
     m = degree - order
@@ -214,7 +214,7 @@ def _divided(form: EventForm, order: int, inside: list[np.ndarray]) -> EventForm
 
 
 def _bends(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, k: int, side: list[np.ndarray]) -> np.ndarray:
-    """1 or -1 where h_rr has this sign for all t of the box and r in the side of the segment, else 0."""
+    """Return 1 or -1 if h_rr has this sign for all t of the box and r in `side` of segment k, else 0."""
     p, q = restricted(a.points[..., segment[0]], box[0]), piece_of(b, segment[k], np.stack(side))
     origin = q.points.mean(0)
     form = foot_form(p - origin, q.about(origin))
@@ -223,14 +223,14 @@ def _bends(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, k: int, sid
 
 
 def _through(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, r: int, s: int) -> np.ndarray:
-    """Whether h' is monotone from the foot r through the end of its segment, where the segment of s starts, to s."""
+    """Return whether h' is monotone from foot r through the end of its segment and the start of the next one to s."""
     ones, zeros = np.ones(box.shape[-1]), np.zeros(box.shape[-1])
     first = _bends(a, b, segment, box, r, [box[r, 0], ones])
     return (first != 0) & (first == _bends(a, b, segment, box, s, [zeros, box[s, 1]]))
 
 
 def _trivial(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Boxes that hold at most the common point of two segments that meet, or of an end and its own segment."""
+    """Return boxes that hold at most the common point of two segments that meet, or of an end and its own segment."""
     drop = np.zeros(len(alive), bool)
     for r, s in ((1, 2), (2, 1)):
         rows = np.flatnonzero(alive & (b.next_segment[segment[r]] == segment[s]))
@@ -246,7 +246,7 @@ def _trivial(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, alive: np
 
 
 def _closing(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Boxes of one segment that closes on itself, at whose joint r and s are one point."""
+    """Return boxes of a segment that closes on itself, at whose joint r and s are one point."""
     drop = np.zeros(len(alive), bool)
     rows = np.flatnonzero(alive & (b.next_segment[segment[1]] == segment[1]))
     if len(rows):
@@ -262,7 +262,7 @@ class Systems(NamedTuple):
     wanted: np.ndarray  # (2, systems): lower and upper end
 
     def take(self, rows: np.ndarray) -> "Systems":
-        """Some of the systems."""
+        """Return the systems with these indices."""
         return Systems(self.segment[:, rows], self.box[:, :, rows], self.wanted[:, rows])
 
 
@@ -282,15 +282,15 @@ _Kernel = Callable[[Curve, Curve, np.ndarray, np.ndarray, np.ndarray], EventCut]
 
 
 def solve(a: Curve, b: Curve, groups: list[Systems], *, box_size: float, limit: int, max_boxes: int) -> Events:
-    """All boxes that may hold an event, of three groups of systems: pairs, triples, and triples on one segment.
+    """Return all boxes that may hold an event, of systems in three groups: pairs, triples, triples on one segment.
 
     Args:
         a: the curve of the maximum.
-        b: the other one.
+        b: the target curve.
         groups: systems as made by `pairs` and `triples`.
         box_size: a box is final when its pieces of both curves are at most this large.
-        limit: most boxes of one system that are open together; beyond them it has a curve of roots.
-        max_boxes: most boxes examined in all.
+        limit: largest number of open boxes of one system; if there are more, it has a curve of roots.
+        max_boxes: largest number of examined boxes in all.
     """
     found, boxes, exhausted = [], 0, False
     for kernel, systems in zip((pair_kernel, triple_kernel, same_kernel), groups, strict=True):
@@ -307,7 +307,7 @@ def solve(a: Curve, b: Curve, groups: list[Systems], *, box_size: float, limit: 
 def _solve(
     kernel: _Kernel, a: Curve, b: Curve, systems: Systems, box_size: float, limit: int, max_boxes: int
 ) -> tuple[list[tuple[np.ndarray, ...]], int, bool]:
-    """Boxes of some systems, level by level."""
+    """Return boxes of some systems, level by level."""
     job, box = np.arange(systems.segment.shape[1]), systems.box
     found: list[tuple[np.ndarray, ...]] = []
     examined = 0
@@ -343,7 +343,7 @@ def _solve(
 def _children(
     box: np.ndarray, cut: EventCut, box_size: float
 ) -> tuple[tuple[np.ndarray, np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
-    """Final boxes, and those to examine next: what the cuts left, in halves where they left much; with their rows."""
+    """Return final boxes, and the boxes to examine next, halved if the cuts left much; each with their rows."""
     rows = np.flatnonzero(cut.alive)
     old, sides, sizes = box[:, :, rows], cut.sides[:, :, rows], cut.sizes[:, rows]
     pad = _PAD * (sides[:, 1] - sides[:, 0]) + LEAST_PAD
