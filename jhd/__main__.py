@@ -21,7 +21,7 @@ from jhd._runtime.starting import INTERRUPTED
 # The names of jhd._cli.warming and jhd._fields, written out, as their import takes seconds.
 _KINDS = "plane", "space", "rational", "surfaces", "meshes"
 _MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
-# A minus alone is standard input.
+# A single minus means standard input.
 _SHORT = "-", "-h", "-k", "-o"
 _FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
 _BOX_HELP = "box of an implicit surface: LOWER UPPER for all axes, or three lower and then three upper ends"
@@ -51,7 +51,7 @@ letters of a font (font:NAME:*).
 """
 # Options that name a file, a folder or a method.
 _NAMES = ("out", "plot", "html", "certificate", "surface", "store", "method")
-# What else are words and no files.
+# Other options whose values are words and no files.
 _CHOICES = ("command", "mode", "sign")
 # Exit statuses of commands, in their help.
 _STATUSES = {
@@ -101,10 +101,10 @@ float32. JHD_TRACEBACK=1 shows the location of an unexpected error.
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs one command and returns the exit status.
+    """Run one command and return the exit status.
 
     Args:
-        argv: the arguments without the name of the program. None means the arguments of the process.
+        argv: the arguments without the name of the command. None means the arguments of the process.
     """
     try:
         status = _run(sys.argv[1:] if argv is None else argv)
@@ -114,11 +114,11 @@ def main(argv: list[str] | None = None) -> int:
         print("jhd: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # What is left in the buffer has nowhere to go; Python would complain about it at its exit.
+        # Nobody can read the rest of the buffer; Python would print an error about it when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except OSError as error:
-        # Files are always named, so a full disk without a name is that of what is printed.
+        # Errors of files have names, so a full disk without a name belongs to standard output.
         name = "standard output" if error.filename is None and error.errno in _FULL else error.filename
         return _bad_input(str(error) if error.strerror is None or name is None else f"{name}: {error.strerror}.")
     except (ValueError, TypeError, ImportError, MemoryError) as error:
@@ -126,7 +126,7 @@ def main(argv: list[str] | None = None) -> int:
     except Exception as error:
         if os.environ.get("JHD_TRACEBACK"):
             raise
-        # Nothing of this is foreseen: neither the input nor the bounds are said to be wrong.
+        # An unexpected error: it does not mean that the input or the bounds are wrong.
         kind, hint = type(error).__name__, "set JHD_TRACEBACK=1 to see its location"
         print("jhd: failed:", *f"{kind}: {error}".split(), f"({hint})", file=sys.stderr)
         return 70
@@ -154,7 +154,7 @@ def _run(argv: list[str]) -> int:
 
 
 def _check_files(options: argparse.Namespace) -> None:
-    """Raises ValueError if an option that names something is empty, or an input would be overwritten."""
+    """Raise ValueError if an option that names something is empty, or an input would be overwritten."""
     words = {name: value for name, value in vars(options).items() if isinstance(value, str)}
     for name in _NAMES:
         if words.get(name) == "":
@@ -199,14 +199,14 @@ def _is_number(word: str) -> bool:
 
 
 def _numbers(text: str) -> list[float]:
-    """The numbers of a text, apart by spaces; the name is in what argparse says of others."""
+    """The numbers in a text, separated by spaces; argparse adds the name of the option to errors."""
     if not all(_is_number(word) for word in text.split()):
         raise argparse.ArgumentTypeError(f"needs numbers, as in --box -2 2; got {text.strip()!r}")
     return [float(word) for word in text.split()]
 
 
 def _option_or_word(word: str) -> str:
-    """The word, with a space before a minus that begins no option: argparse takes -1e-3 and -x**2 for one otherwise."""
+    """The word, with a space before a minus that begins no option: argparse would take -1e-3 or -x**2 for one."""
     return f" {word}" if word.startswith("-") and not word.startswith("--") and word not in _SHORT else word
 
 
@@ -423,7 +423,7 @@ def _add_collections(commands: Any) -> None:
 
 
 def _switch_cache_on() -> None:
-    """Lets JAX cache its own compiled functions next to those of jhd, unless it has a cache folder already."""
+    """Let JAX cache its compiled functions next to the cache of jhd, unless it has a cache folder already."""
     import jax
 
     from jhd._runtime.storage import chosen_folder, made

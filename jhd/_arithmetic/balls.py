@@ -78,7 +78,7 @@ def dot(x: Ball, y: Ball) -> Ball:
 
 
 def reciprocal(x: Ball) -> Ball:
-    """Reciprocals of balls of positive numbers; the radius is infinite where zero may be among them."""
+    """Reciprocals of balls of positive numbers; the radius is infinite if a ball may contain zero."""
     dtype = x.mid.dtype
     least = x.lower
     safe = jnp.where(least > 0, least, 1.0)
@@ -95,8 +95,8 @@ def semidefinite(h: Ball, fixed: Array) -> Array:
 def least_eigenvalue(h: Ball) -> Array:
     """A lower bound of the eigenvalues of all symmetric matrices in the ball: close to it even if some are singular.
 
-    The eigenvalue of the mid-point, computed in any way, less what the ball and rounding make of it, is tried as a
-    shift that makes all of them positive definite.
+    The shift tried is the smallest computed eigenvalue of the mid-point, minus an allowance for the ball and rounding.
+    It is returned if all shifted matrices are proven positive semidefinite; otherwise the bound is minus infinity.
     """
     n, dtype = h.mid.shape[-1], h.mid.dtype
     size = jnp.max(jnp.sum(h.rad, axis=-1)) + gamma(64 * n, dtype) * jnp.max(jnp.abs(h.mid)) + _tiny(dtype)
@@ -110,9 +110,9 @@ def normalized(h: Ball, fixed: Array) -> tuple[Array, Array]:
     """The transpose of S with S^T h S close to one, and a lower bound of the eigenvalues of all S^T h S.
 
     With S = L^-T D^(-1/2) from the mid-point L D L^T the absolute sums of S^T h S - 1 along its rows bound how far its
-    eigenvalues are from one (Gershgorin); where they are not negative those of h are not, as both have one signature.
-    Nothing depends on the accuracy of S. The two products round 2 n + 4 times at most. Where the mid-point is not
-    positive definite the bound is minus infinity. Fixed variables count as those of the unit matrix.
+    eigenvalues are from one (Gershgorin). If none is negative, h has no negative eigenvalue, as signatures agree.
+    Nothing depends on the accuracy of S. The two products round 2 n + 4 times at most. If the mid-point is not
+    positive definite, the bound is minus infinity. Rows and columns of fixed variables are replaced by unit ones.
     """
     n, dtype = h.mid.shape[-1], h.mid.dtype
     held = fixed[:, None] | fixed[None, :]
@@ -133,7 +133,7 @@ def product(x: Array, y: Array) -> Array:
 
 
 def factors(matrix: Array) -> tuple[Array, Array]:
-    """The unit lower triangle L and the pivots D of L D L^T; where a pivot vanishes its column is left out."""
+    """The unit lower triangle L and the pivots D of L D L^T; a vanishing pivot gets the unit column."""
     n = matrix.shape[-1]
     rest, columns, pivots = matrix, [], []
     for k in range(n):

@@ -46,7 +46,7 @@ def basis(degree: int, t: ArrayLike) -> np.ndarray:
 
 
 def blossoms(t0: np.ndarray, t1: np.ndarray, degree: int) -> np.ndarray:
-    """The matrices (count, degree + 1, degree + 1) that take coefficients to those on [t0, t1], in NumPy.
+    """The matrices (count, degree + 1, degree + 1) that restrict coefficients to [t0, t1], in NumPy.
 
     Row j holds the weights of the blossom with degree - j arguments t0 and j arguments t1: three roundings a degree.
 
@@ -105,7 +105,7 @@ def multiply(f: Float[Array, "..."], g: Float[Array, "..."]) -> Array:
 
     (f g)_k = sum over i + j = k of C(n,i) C(m,j) / C(n+m,k) f_i g_j: non-negative weights that sum to one. The weight
     is applied last, so that an underflow is not enlarged; the error is at most
-    absolute_error(3 + min(n, m), max|f| max|g|), plus nu (max|f| + max|g|) where coefficients are subnormal.
+    absolute_error(3 + min(n, m), max|f| max|g|), plus nu (max|f| + max|g|) if coefficients are subnormal.
 
     >>> [float(x) for x in multiply(jnp.array([0.0, 1.0]), jnp.array([1.0, 0.0]))]  # t (1 - t)
     [0.0, 0.5, 0.0]
@@ -118,9 +118,9 @@ def multiply(f: Float[Array, "..."], g: Float[Array, "..."]) -> Array:
 
 
 def shifted_sum(rows: Float[Array, "... rows columns"]) -> Array:
-    """The sum of rows of which each is one place farther to the right than the one before."""
+    """The sum of the rows after row k is shifted k entries to the right."""
     *lead, count, length = rows.shape
-    # Laid out in a row with one more place for each row, they are read with one less.
+    # Rows are padded and flattened; reading them back with rows one entry shorter shifts row k by k.
     wide = jnp.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, count)]).reshape(*lead, -1)
     places = length + count - 1
     return jnp.sum(wide[..., : count * places].reshape(*lead, count, places), axis=-2)
@@ -132,7 +132,7 @@ def dot(f: Float[Array, "..."], g: Float[Array, "..."]) -> Array:
 
 
 def elevate(coefficients: Float[Array, "..."], target: int, axis: int = -1) -> Array:
-    """The same polynomial written in degree `target`: the product with the constant one of degree target - n.
+    """Write a polynomial in degree `target`: the product with the constant one of degree target - n.
 
     Raises:
         ValueError: target is below the degree.
@@ -155,7 +155,7 @@ def restrict(coefficients: Float[Array, "..."], t0: ArrayLike, t1: ArrayLike, ax
     Args:
         coefficients: any array; `axis` holds the coefficients.
         t0: left end, in [0, 1] for the rounding bound of the module to hold.
-        t1: right end, likewise. t1 < t0 reverses.
+        t1: right end, in [0, 1] too. t1 < t0 reverses.
         axis: the coefficient axis.
     """
     c = jnp.moveaxis(coefficients, axis, 0)
@@ -171,7 +171,7 @@ def restrict(coefficients: Float[Array, "..."], t0: ArrayLike, t1: ArrayLike, ax
 def split(coefficients: Float[Array, "..."], t: ArrayLike, axis: int = -1) -> tuple[Array, Array]:
     """Coefficients of the parts on [0, t] and [t, 1], by one pass of de Casteljau's algorithm.
 
-    In place, and the right part as the left one of the reversed form: a loop is a small program for every degree.
+    The right part is the left part of the reversed coefficients. A loop keeps the compiled code small in any degree.
     """
     c = jnp.moveaxis(coefficients, axis, 0)
     number = jnp.arange(c.shape[0]).reshape(-1, *[1] * (c.ndim - 1))
@@ -189,8 +189,8 @@ def split(coefficients: Float[Array, "..."], t: ArrayLike, axis: int = -1) -> tu
 def enclose(coefficients: Float[Array, "..."], axes: int | tuple[int, ...] = -1, error: ArrayLike = 0.0) -> Interval:
     """Interval that contains every value of the polynomial on the unit box: the hull of its coefficients.
 
-    min c <= f(x) <= max c for x in [0, 1]^k, since the Bernstein polynomials are non-negative and sum to one. Exact in
-    the coefficients as they are; it converges quadratically as the box shrinks.
+    min c <= f(x) <= max c for x in [0, 1]^k, since the Bernstein polynomials are non-negative and sum to one. Exact for
+    the given coefficients; it converges quadratically as the box shrinks.
 
     >>> range_of_square = enclose(jnp.array([0.0, 0.0, 1.0]))
     >>> float(range_of_square.lower), float(range_of_square.upper)
@@ -216,7 +216,7 @@ def enclose_quotient(
     """Interval that contains every value of the quotient of two polynomials of equal degrees with positive weights.
 
     N(x) / W(x) = sum (W_i B_i / W) (N_i / W_i) lies between the least and the greatest N_i / W_i: weights that are
-    non-negative and sum to one. The whole line where a weight, less its error, is not positive.
+    non-negative and sum to one. If a weight minus its error is not positive, the interval is the whole line.
 
     >>> half = enclose_quotient(jnp.array([1.0, 1.0]), jnp.array([2.0, 2.0]))
     >>> bool(half.contains(0.5)), bool(half.width < 1e-15)

@@ -16,7 +16,7 @@ from jaxtyping import Array
 from jhd._arithmetic import rounding
 from jhd._runtime.arrays import varying
 
-# A box tells nothing more when its coefficients are within this many error bounds. Shrinking leaves about one bound on
+# A box is exhausted if its coefficients are within this many error bounds. Shrinking leaves about one bound on
 # each side of a simple root; with 1 here such boxes were halved into eight.
 EXHAUSTED = 2.0
 
@@ -36,9 +36,9 @@ def scaled(c: Array, errors: Array) -> tuple[Array, Array]:
 def on_box(c: Array, errors: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     """Coefficients on a box and a bound of their errors, one for each equation.
 
-    `errors` stay what they are, for the weights of a restriction sum to one. Its rounding, 9 n operations in a variable
+    `errors` do not change, for the weights of a restriction sum to one. Its rounding, 9 n operations in a variable
     of degree n (`restrict`), acts on sums of weights times |c|, which the restriction of |c| computes. So the bound
-    follows the size of the equations on the box, and roots next to a corner where the coefficients are tiny stay
+    follows the size of the equations on the box, and roots next to a corner at which the coefficients are tiny stay
     apart. One more operation in the count covers the rounding of the restriction of |c|.
     """
     both = jnp.concatenate([c, jnp.abs(c)], axis=-2)
@@ -53,7 +53,7 @@ def on_box(c: Array, errors: Array, lower: Array, upper: Array) -> tuple[Array, 
 def restrict(c: Array, t0: Array, t1: Array, axis: int) -> Array:
     """Coefficients on [t0, t1], 0 <= t0 <= t1 <= 1, of each lane, along one axis; from the original coefficients.
 
-    As `bernstein.restrict`, whose blossoms take n^3 / 2 operations: here two passes of de Casteljau's algorithm take
+    The blossoms of `bernstein.restrict` take n^3 / 2 operations; here two passes of de Casteljau's algorithm take
     2 n^2. The first gives the blossoms with n - j arguments t0 and j arguments 1; the second moves the ones to t1, by
     t1 = a t0 + b 1 with a = (1 - t1) / (1 - t0) and b = (t1 - t0) / (1 - t0), which may both be computed with small
     relative errors. All weights are non-negative. A level of the first pass costs three roundings, one of the second
@@ -156,16 +156,16 @@ def _first_crossing(v: Array) -> Array:
 
 
 def vanish(c: Array, errors: Array) -> Array:
-    """Where every coefficient of every row is within EXHAUSTED of its error bounds."""
+    """Whether, in each lane, every coefficient is at most EXHAUSTED times its error bound."""
     return jnp.all(jnp.max(jnp.abs(c), axis=tuple(range(c.ndim - 2))) <= EXHAUSTED * errors, axis=0)
 
 
 def shrunk(c: Array, errors: Array, lower: Array, upper: Array) -> tuple[Array, Array, Array]:
-    """The part of a box where `_room` leaves a root, and whether there is one; c is restricted to the box.
+    """The part of a box in which `_room` leaves room for a root, and whether it is empty; c is restricted to the box.
 
     The new lower end is lower + x (upper - lower), for x that is too small if anything: the product of non-negative
-    numbers is reduced by gamma(4) for its two roundings, the sum is rounded down. The upper end is found from the other
-    end alike. No end leaves the box.
+    numbers is reduced by gamma(4) for its two roundings, the sum is rounded down. The upper end is found in this way
+    from the other side. No end leaves the box.
     """
     start, end = _room(c, errors)
     none = jnp.any(jnp.isinf(start) | jnp.isinf(end), axis=0)

@@ -21,7 +21,7 @@ import numpy as np
 
 # Both are Mersenne primes: the first lets products fit in 64 bits, the second leaves room for fractions of 250 bits.
 _SMALL, _LARGE = 2**31 - 1, 2**521 - 1
-# Lines that are tried before a repeated factor is believed in, and most unknowns of the linear system for it.
+# Lines that are tried before a repeated factor is assumed, and most unknowns of the linear system for it.
 _LINES, _UNKNOWNS = 4, 400
 
 
@@ -42,7 +42,7 @@ def floats(polynomial: np.ndarray, scaled: bool = True) -> np.ndarray:
 
     Args:
         polynomial: integers, not all zero.
-        scaled: False keeps the integers as they are, where they are not larger than 2^53.
+        scaled: False keeps the integers, exactly if they are at most 2^53.
     """
     length = max(abs(x) for x in polynomial.flat).bit_length()
     divisor = 1 << length if scaled or length > 53 else 1
@@ -55,13 +55,13 @@ def total_degree(polynomial: np.ndarray) -> int:
 
 
 def trimmed(polynomial: np.ndarray) -> np.ndarray:
-    """The same polynomial in the smallest array that holds its coefficients."""
+    """The polynomial in the smallest array that holds its coefficients."""
     used = np.argwhere(polynomial != 0)
     return polynomial[tuple(slice(n + 1) for n in used.max(axis=0))]
 
 
 def values(polynomial: np.ndarray, points: np.ndarray, modulus: int = 0) -> np.ndarray:
-    """Values at integer points, an array (3, count), by Horner's rule; modulo a prime where one is given."""
+    """Values at integer points, an array (3, count), by Horner's rule; modulo a prime if `modulus` is not 0."""
     result = polynomial[..., None]
     for point in points[::-1]:
         rows, result = result, result[..., -1, :]
@@ -95,9 +95,9 @@ def substituted(polynomial: np.ndarray, center: Sequence[Fraction], scale: Seque
 
 
 def square_free_part(polynomial: np.ndarray) -> np.ndarray:
-    """The product of the distinct factors: the polynomial itself where it has no repeated one.
+    """The product of the distinct factors: the polynomial itself if no factor is repeated.
 
-    Also the polynomial itself where a factor is repeated but the system for it would have too many unknowns, which
+    If a factor is repeated but the system has too many unknowns, the polynomial itself is returned, too. This
     does not occur up to degree 10.
     """
     degree, draw = total_degree(polynomial), random.Random(0)
@@ -186,8 +186,9 @@ def _stripped(row: list[int]) -> list[int]:
 
 
 def _without_repetition(f: np.ndarray, degree: int, direction: list[int]) -> np.ndarray:
-    """F / gcd(f, D_b f), which is S where f T = S D_b f with S of the given degree, T of one less and no other pair.
+    """The quotient f / gcd(f, D_b f), proven, or f itself if there is no proof.
 
+    It is S if f T = S D_b f has one solution up to a factor, with S of the given degree and T of one less.
     Another pair (S h, T h) would make the space of solutions larger, and S, T without common factor are f and D_b f
     divided by their greatest common divisor. A prime can only enlarge the space; so one dimension modulo it, and the
     identity in integers, prove S.
@@ -243,7 +244,7 @@ def _system(
 
 
 def _only_solution(matrix: np.ndarray, prime: int) -> list[int] | None:
-    """The vector, its last free entry one, that spans the kernel modulo the prime; None where it has not one dimension.
+    """The vector that spans the kernel modulo the prime, its free entry one; None unless the kernel is a line.
 
     The elimination stops as soon as there are two free columns.
     """
@@ -259,7 +260,7 @@ def _only_solution(matrix: np.ndarray, prime: int) -> list[int] | None:
         matrix[[row, row + nonzero[0]]] = matrix[[row + nonzero[0], row]]
         matrix[row] = matrix[row] * pow(int(matrix[row, column]), -1, prime) % prime
         below = row + 1 + np.flatnonzero(matrix[row + 1 :, column])
-        # What comes before this column is zero in all rows from the pivot on.
+        # Entries left of this column are zero in all rows from the pivot on.
         step = matrix[below, column][:, None] * matrix[row, column:] % prime
         matrix[below, column:] = (matrix[below, column:] - step) % prime
         pivots.append(column)

@@ -254,7 +254,7 @@ class Interval(eqx.Module):
 
 
 def _floats(x: ArrayLike, end: str) -> ArrayLike:
-    """Arrays of floats as they are; for other numbers this end of their intervals."""
+    """Arrays of floats unchanged; for other numbers the given end of their intervals."""
     known = isinstance(x, jax.Array) and jnp.issubdtype(x.dtype, jnp.floating)
     return x if known else getattr(Interval.exact(x), end)
 

@@ -1,6 +1,6 @@
 """Isolated zeros of a polynomial in three variables, at which it does not change its sign, in exact arithmetic.
 
-At such a point the polynomial does not change its sign, so neither signs nor enclosures tell whether it exists. About a
+As there is no change of sign, neither signs nor enclosures tell whether such a point exists. About a
 point p write f as v + g.t + t.H t / 2 + G.n + the rest. Here n >= 0 are the inward coordinates in which p is on a face
 of the box and f rises from it, and t are the other coordinates from p, which are free (also if they are on a face). Let
 H - m 1 be positive definite, and let the sums of the coefficients prove, in all of a cube about p, that the rest takes
@@ -25,28 +25,28 @@ from jhd._arithmetic import exact_polynomials
 
 # Starts along each free axis, Newton steps in floating point and in exact arithmetic, and its bits.
 _STARTS, _STEPS, _EXACT_STEPS, _BITS = 5, 10, 4, 240
-# After so many steps those with larger values than this go on no more.
+# After _LOOK steps, starts with values above _PROMISING are dropped.
 _LOOK, _PROMISING = 4, 1e-2
-# Values up to this one may be zero; eigenvalues from this share of the largest on are none of rounding.
+# Largest relative value that may be zero; smallest relative eigenvalue that is not due to rounding.
 _SMALL, _DEFINITE = 1e-9, 1e-5
-# Places are one where they agree so far; a rational coordinate has at most this denominator.
+# Points closer than this count as one; a rational coordinate has at most this denominator.
 _SAME, _SIMPLE = 1e-6, 1 << 20
-# The first half side of a cube as a share of the box, and how often it is halved.
+# The first half side of a cube as a fraction of the box, and how often it is halved.
 _FIRST, _HALVINGS = 0.5, 24
-# At most so often half its side a place of a cube in 0, 1, 2 or 3 coordinates is away from its middle.
+# Bounds of sqrt(k), k = 0, 1, 2, 3: the distance from the middle of a cube to a corner, in half sides.
 _LONG = Fraction(0), Fraction(1), Fraction(3, 2), Fraction(7, 4)
-# What is lost in sums of floats of exact numbers.
+# Factor that covers the rounding of sums of floats.
 _ROOM = 1 + 1e-9
 
 
 class IsolatedZero(NamedTuple):
-    """A cube about a place in which all zeros within the box lie near the place.
+    """A cube about a point, with a radius about the point that contains all zeros in both cube and box.
 
     Args:
-        place: the place.
+        place: the point.
         half: half the side of the cube.
-        radius: all zeros of the cube lie within it; negative where there are none.
-        there: whether there is one.
+        radius: bound of the distance of these zeros from the point; negative if there are none.
+        there: whether a zero is proven.
     """
 
     place: list[Fraction]
@@ -58,14 +58,14 @@ class IsolatedZero(NamedTuple):
 def isolated_zeros(
     polynomial: np.ndarray, floats: np.ndarray, lower: np.ndarray, upper: np.ndarray, simple: Any
 ) -> list[IsolatedZero]:
-    """What is found of a polynomial in a box; others may be overlooked.
+    """Isolated zeros found in a box, one entry each; others may be overlooked.
 
     Args:
-        polynomial: a positive multiple of it, in integers.
+        polynomial: a positive multiple of the polynomial, in integers.
         floats: its coefficients as floats, the largest about one.
         lower: the lower corner of the box.
         upper: the upper corner.
-        simple: a place as floats to a rational one close by which a zero may be exactly at, or None.
+        simple: takes a point as floats; returns a nearby rational point that may be an exact zero, or None.
     """
     found: list[IsolatedZero] = []
     for place, held in _candidates(floats, lower, upper):
@@ -86,7 +86,7 @@ def _near(zero: IsolatedZero, other: IsolatedZero) -> bool:
 def _at_first(
     polynomial: np.ndarray, guesses: list[list[Fraction]], inward: list[int], lower: np.ndarray, upper: np.ndarray
 ) -> IsolatedZero | None:
-    """What is about the first of some places if it is a zero itself."""
+    """The result of `_about` at the first guess that is an exact zero; None if there is no such guess."""
     for guess in guesses:
         here = exact_polynomials.substituted(polynomial, guess, [Fraction(1)] * 3)
         slopes = [_slope(here, axis) for axis in range(3)]
@@ -102,7 +102,7 @@ def _slope(polynomial: np.ndarray, axis: int) -> int:
 
 
 def _sharpened(polynomial: np.ndarray, place: list[Fraction], inward: list[int]) -> list[Fraction]:
-    """Where the gradient along the free coordinates vanishes to many digits, by Newton's method in exact numbers."""
+    """Refine a point by exact Newton steps until its gradient along the free coordinates is zero to many digits."""
     free = [axis for axis in range(3) if not inward[axis]]
     for _ in range(_EXACT_STEPS if free else 0):
         here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
@@ -136,7 +136,7 @@ def _hessian(here: np.ndarray, free: Sequence[int]) -> list[list[int]]:
 def _about(
     polynomial: np.ndarray, place: list[Fraction], inward: list[int], lower: np.ndarray, upper: np.ndarray
 ) -> IsolatedZero | None:
-    """What the expansion about a place proves, see the module; None where that is nothing."""
+    """The zero that the expansion about a point proves or excludes (see the module); None if it proves nothing."""
     free = [axis for axis in range(3) if not inward[axis]]
     ends = [(Fraction(float(lower[k])), Fraction(float(upper[k]))) for k in range(3)]
     if any(not ends[k][0] <= place[k] <= ends[k][1] for k in free):
@@ -161,7 +161,7 @@ def _about(
     value = Fraction(int(here[0, 0, 0]), unit)
     slopes = [Fraction(_slope(here, k), unit) for k in free]
     radius = _radius(value, slopes, least / 4, [x / 2 for x in rising])
-    # From a place on a face the box goes on to the other side.
+    # A point on a face counts as inside: the box extends away from that face.
     inside = all(place[k] in ends[k] or min(place[k] - ends[k][0], ends[k][1] - place[k]) > 2 * radius for k in free)
     thick = all(upper[k] - lower[k] > 2 * radius for k in range(3))
     if radius >= 0.25 * float(half) or not (inside and thick):
@@ -170,7 +170,7 @@ def _about(
 
 
 def _least_eigenvalue(matrix: list[list[Fraction]]) -> Fraction | None:
-    """A positive lower bound of all eigenvalues; one where there are none, None where there is no such bound."""
+    """A proven positive lower bound of all eigenvalues, or None; one for an empty matrix."""
     if not matrix:
         return Fraction(1)
     least = float(np.linalg.eigvalsh(np.array(matrix, dtype=float))[0])
@@ -188,7 +188,7 @@ def _least_eigenvalue(matrix: list[list[Fraction]]) -> Fraction | None:
 
 
 def _rest(here: np.ndarray, unit: int, inward: list[int], half: Fraction) -> tuple[Fraction, list[Fraction]]:
-    """What the terms beyond the second degree take, per |t|^2, and those with coordinates n, per each of these."""
+    """Bounds of the higher terms in the cube: of terms in t alone divided by |t|^2, of the others divided by each n."""
     held = [axis for axis in range(3) if inward[axis]]
     long = half * _LONG[3 - len(held)]
     bent, falling = Fraction(0), {axis: Fraction(0) for axis in held}
@@ -203,7 +203,7 @@ def _rest(here: np.ndarray, unit: int, inward: list[int], half: Fraction) -> tup
 
 
 def _radius(value: Fraction, slopes: list[Fraction], curved: Fraction, rising: list[Fraction]) -> float:
-    """Within what all zeros lie where f >= value - |slopes| |t| + curved |t|^2 + rising.n; negative for none."""
+    """Radius that contains all zeros if f >= value - |slopes| |t| + curved |t|^2 + rising.n; negative for none."""
     square = sum((x * x for x in slopes), Fraction(0))
     under = square - 4 * curved * value
     if under < 0:
@@ -219,7 +219,7 @@ def _radius(value: Fraction, slopes: list[Fraction], curved: Fraction, rising: l
 
 
 def _candidates(a: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Places where value and gradient about vanish and second derivatives are definite, and what faces hold there."""
+    """Points with nearly zero value and gradient and a definite Hessian, each with the coordinates that faces hold."""
     x, held = _starts(lower, upper)
     for k in range(_STEPS):
         value, slope, bent = _jets(a, x)
@@ -243,7 +243,7 @@ def _candidates(a: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[tup
 
 
 def _starts(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places inside the box, on its faces, its edges and at its corners, and the coordinates that these hold."""
+    """Start points inside the box, on its faces, edges and corners, and masks of the coordinates held there."""
     inner = lower + (upper - lower) * ((np.arange(_STARTS)[:, None] + 0.5) / _STARTS)
     rows, held = [], []
     for stratum in product((0, 1, 2), repeat=3):
@@ -258,14 +258,14 @@ def _starts(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _newton(slope: np.ndarray, bent: np.ndarray, held: np.ndarray) -> np.ndarray:
     eye = np.eye(3)
     bent = np.where(held[:, :, None] | held[:, None], eye, bent)
-    # What is singular has no isolated zero to go to.
+    # A singular Hessian leads to no isolated zero.
     size = np.max(np.abs(bent), axis=(1, 2))
     bent = np.where((np.abs(np.linalg.det(bent)) > 1e-12 * size**3)[:, None, None], bent, eye)
     return np.linalg.solve(bent, slope[..., None])[..., 0]
 
 
 def _jets(a: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values, gradients and second derivatives at rows of places."""
+    """Values, gradients and second derivatives at rows of points."""
     tables = []
     for axis in range(3):
         n = a.shape[axis]

@@ -15,21 +15,21 @@ from jhd._arithmetic.rounding import smallest_normal
 # The pull on an unknown below which it does not enter, of equations of order one; values below the second are zero.
 _PULL = 1e-14
 _VANISHING = 1e-15
-# Columns beyond which the basis is first looked for by the normal equations.
+# Columns beyond which the basis is first searched by the normal equations.
 _FEW = 24
 
 
 def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndarray, " rows"]) -> Any:
     """The x >= 0 for which |matrix x - right| is least; the columns of its positive entries are independent.
 
-    It may be all zeros, and is where a number is not finite.
+    It may be all zeros, and it is all zeros if an entry is not finite.
     """
     start = np.zeros(matrix.shape[1])
-    # LAPACK would complain of these on the standard error.
+    # LAPACK would write errors about these to standard error.
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
         return start
     if matrix.shape[1] > _FEW:
-        # Of many columns the basis is first looked for by the normal equations, which lose digits but take little time.
+        # For many columns the basis is first searched by the normal equations, which lose digits but take little time.
         products, sums = matrix.T @ matrix, matrix.T @ right
         found = _entering(matrix, right, start, lambda basic: np.linalg.solve(products[basic][:, basic], sums[basic]))
         start = start if found is None else found
@@ -40,7 +40,7 @@ def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndar
 def _entering(
     matrix: np.ndarray, right: np.ndarray, x: np.ndarray, solved: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray | None:
-    """The unknowns from a start on, with what solves for those of a basis; None where it cannot."""
+    """Solve by the active-set method from the start x; None if `solved`, the solver for a basis, fails."""
     count = matrix.shape[1]
     basic = x > 0
     try:
@@ -62,7 +62,7 @@ def _entering(
 
 
 def _within(x: np.ndarray, basic: np.ndarray, solved: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """The solution of the basis, from which those leave that would become negative."""
+    """The solution on the basis; unknowns that would become negative leave the basis, which changes in place."""
     while True:
         z = np.zeros(len(x))
         z[basic] = solved(basic)

@@ -32,9 +32,9 @@ from jhd._arithmetic.box_systems import combinations, on_box, scaled, shrunk, va
 from jhd._results.solution import RESULTS
 from jhd._runtime.arrays import varying
 
-# A box that keeps more than this part of its largest side is halved: Sherbrooke & Patrikalakis, section 4.
+# A box that keeps more than this fraction of its largest side is halved: Sherbrooke & Patrikalakis, section 4.
 KEPT = 0.8
-# At most this wide, a box is final when the combinations of the equations tell nothing more: at a tangency the
+# At most this wide, a box is final if the combinations of the equations tell nothing more: at a tangency the
 # equations are told from zero down to slivers 1e-8 long and 1e-16 wide. Wider boxes go on, for on a curve of common
 # roots the combinations vanish everywhere.
 COARSE = 2.0**-20
@@ -53,8 +53,8 @@ class Roots(eqx.Module):
         upper: upper corners; 0 in the padding, so that it contains nothing.
         valid: which entries hold a box.
         boxes: number of boxes examined.
-        result: capacity_reached or gap_not_closed where boxes were left wider than asked for; they are among those
-            returned. nonfinite_value where an input was not finite: the whole unit box is returned.
+        result: capacity_reached or gap_not_closed if some returned boxes are wider than asked for.
+            nonfinite_value if an input was not finite: then the whole unit box is returned.
     """
 
     lower: Float[Array, "capacity variables"]
@@ -76,8 +76,8 @@ def solve(
 
     A root of the exact polynomials, whose coefficients differ from those given by at most `errors`, lies in one of the
     boxes. A box is final when its sides are at most `atol`, or when every coefficient on it is within two rounding
-    bounds: there is no more to learn. So a double root comes as one box of about the square root of the unit roundoff,
-    and equations that vanish identically as the box itself. Final boxes that touch are merged.
+    bounds: there is no more to learn. So a double root gives one box of about the square root of the unit roundoff,
+    and equations that vanish identically give the unit box. Final boxes that touch are merged.
 
     Write it for one system and map it: under vmap the systems are solved side by side, in blocks. Not differentiable:
     the roots are constants to derivatives.
@@ -90,7 +90,7 @@ def solve(
         coefficients: one Bernstein tensor for each equation, all of the same degree in each variable. There may be more
             equations than variables, or fewer (then the roots are curves, see above).
         errors: absolute error of the coefficients, one number or one for each equation.
-        capacity: length of the table of boxes, pending and final ones. In one variable three times the degree was
+        capacity: length of the table of boxes, pending and final. In one variable three times the degree was
             enough in every trial; in two and three variables ten for each root were.
         max_steps: most boxes examined; a simple root takes about five, a double root thirty.
         atol: largest side of a final box, in parameters; None means 64 times the spacing of floats at one. Zero is
@@ -116,7 +116,7 @@ def solve(
 
 
 class _FoundRoots(NamedTuple):
-    """What the search of each lane (last axis) found."""
+    """Results of the search, with lanes as the last axis."""
 
     lower: Array
     upper: Array
@@ -185,11 +185,11 @@ def _in_blocks(search: Callable[..., _FoundRoots], capacity: int, c: Array, *res
 
 
 def _search(c: Array, errors: Array, atol: Array, *, capacity: int, max_steps: int) -> _FoundRoots:
-    """Examines boxes until no lane has a pending one; then merges the final ones.
+    """Examine boxes until no lane has a pending one; then merge the final ones.
 
     Args:
         c: coefficients (d1 + 1, ..., dn + 1, equations, lanes).
-        errors: their absolute errors (equations, lanes).
+        errors: absolute errors of the coefficients (equations, lanes).
         atol: (lanes,).
         capacity: length of the table.
         max_steps: most boxes examined in a lane.
@@ -288,5 +288,5 @@ def _merged(lower: Array, upper: Array, valid: Array) -> tuple[Array, Array, Arr
 
 
 def _touch(lower: Array, upper: Array, other_lower: Array, other_upper: Array) -> Array:
-    """Which boxes (capacity, variables, lanes) share a point with one other in each lane; empty ones never do."""
+    """Mask of the boxes (capacity, variables, lanes) that meet the other box of their lane; empty ones never do."""
     return jnp.all((lower <= other_upper) & (other_lower <= upper), axis=1)

@@ -51,7 +51,7 @@ def _derivatives_at(coefficients: Array, points: Array, order: int) -> Array:
     x, y, z = (powers[:, : shape[axis], axis] for axis in range(3))
     wanted = _ORDERS[_ORDERS.sum(axis=1) <= order]
     planes, plane = np.unique(wanted[:, 1:], axis=0, return_inverse=True)
-    # Sums keep the batch axis of vmap in front, where a matrix product may move it; see jhd._distance.witness.active.
+    # Sums keep the batch axis of vmap in front; a matrix product may move it; see jhd._distance.witness.active.
     rows = coefficients.reshape(*shape, *(1,) * (points.ndim - 1))
     along_z = jnp.sum(rows * z[:, None, None], axis=3)
     along_y = jnp.sum(along_z[planes[:, 1]] * y[planes[:, 0]][:, None], axis=2)

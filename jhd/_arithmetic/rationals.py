@@ -10,7 +10,7 @@ from jhd._arithmetic.rounding import smallest_normal
 
 
 def root_between(x: Fraction, bits: int = 64) -> tuple[Fraction, Fraction]:
-    """Bounds of the square root, the same where it is a fraction of few bits; apart by less than 2^(1 - bits) of it."""
+    """Bounds of the square root, less than 2^(1 - bits) of it apart; equal if the root has few bits."""
     if x == 0:
         return x, x
     shift = bits + (x.denominator.bit_length() - x.numerator.bit_length()) // 2
@@ -39,7 +39,7 @@ def float_above(x: Fraction, dtype: np.dtype) -> Any:
 
 
 def float_near(x: Fraction, dtype: np.dtype) -> Any:
-    """The float nearest to x but for a second rounding to a shorter type; infinite where x is beyond all."""
+    """The float nearest to x, up to a second rounding to a shorter type; infinite if x is beyond all floats."""
     try:
         with np.errstate(over="ignore", under="ignore"):
             return np.asarray(float(x), dtype)[()]

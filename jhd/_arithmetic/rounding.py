@@ -7,7 +7,7 @@ compiles to, is
 
 for operands that are zero or normal, with u the unit roundoff of `unit_roundoff` and nu the smallest normal number: XLA
 flushes subnormal operands and results to zero. A flushed *operand* is an error of its own, which a factor enlarges:
-where operands come from outside, `flush_down` and `flush_up` make them normal first, outward. Multiply-adds may be
+if operands come from outside, `flush_down` and `flush_up` make them normal first, outward. Multiply-adds may be
 fused and sums reordered; a fused operation rounds once instead of twice, so separate roundings cover it.
 
 A division counts as **two** roundings: XLA replaces x / y by x * (1 / y) where y is constant or broadcast (measured:
@@ -65,7 +65,7 @@ def gamma(operations: float, dtype: DTypeLike) -> float:
     than the roundings of computing it and of the few operations that apply it need.
 
     Raises:
-        ValueError: k u > 0.01, where the bound does not hold.
+        ValueError: k u > 0.01, for which the bound does not hold.
     """
     bound = 1.02 * operations * unit_roundoff(dtype)
     if operations < 0 or bound > 0.0102:
@@ -91,7 +91,7 @@ def cast(x: ArrayLike, dtype: DTypeLike, toward: float) -> np.ndarray:
 def absolute_error(operations: int, magnitude: ArrayLike) -> Array:
     """Bound gamma(k) m + 2 k nu on the absolute error of a chain of k operations on numbers of magnitude at most m.
 
-    It holds where the exact result is a sum of terms whose absolute values add up to at most m, each term passes
+    It holds if the exact result is a sum of terms whose absolute values add up to at most m, each term passes
     through at most k roundings, and every underflow is multiplied by factors that sum to at most two: de Casteljau's
     algorithm, products of Bernstein forms with weights applied last, matrix products. The result is rounded up.
 
@@ -117,7 +117,7 @@ def round_down(x: ArrayLike) -> Array:
       1.5 nu counts for |x| <= 4 nu only; there e = 2 nu and the subtraction is exact.
     - A result in (-nu, 0) that is flushed to zero has x > 0, so z > 0.
     - Where the compiler fuses a product with the subtraction, it computes fl(z - e) <= z, since e exceeds u |z - e|.
-    - x = +inf: z overflowed, so it exceeds the largest float, which takes the place of x. x = -inf stays. NaN, which
+    - x = +inf: z overflowed, so it exceeds the largest float, which replaces x. x = -inf stays. NaN, which
       comes from an invalid operation, gives -inf: no bound.
 
     >>> float(round_down(1.0)) < 1.0 < float(round_up(1.0))
@@ -166,16 +166,16 @@ def _bits(x: Array) -> tuple[Array, int]:
 
 
 def ordered(x: ArrayLike) -> Array:
-    """Integers in the order of numbers that are not negative, subnormal ones too, which comparisons take for zeros.
+    """Integers in the order of non-negative numbers, also of subnormal ones, which comparisons take for zeros.
 
-    Numbers below zero have negative integers; minus zero has that of zero.
+    Negative numbers give negative integers; minus zero gives the integer of zero.
     """
     bits = _bits(jnp.asarray(x))[0]
     return jnp.where(bits == jnp.iinfo(bits.dtype).min, 0, bits)
 
 
 def power_of_two(x: ArrayLike) -> Array:
-    """Largest power of two not above |x|, one where x is subnormal, zero or not finite.
+    """Largest power of two not above |x|; one if x is subnormal, zero or not finite.
 
     Dividing by it changes no digit: only results below nu lose, at most nu.
     """
@@ -188,7 +188,7 @@ def power_of_two(x: ArrayLike) -> Array:
 def quotient(x: ArrayLike, y: ArrayLike) -> Array:
     """The quotient x / y of normal or zero x and normal y, with at most two roundings, ready for round_down.
 
-    Where both are at least one they are divided by 16, exactly, so that 1 / y, which XLA may form, is not flushed.
+    If both are at least one they are divided by 16, exactly, so that 1 / y, which XLA may form, is not flushed.
     Elsewhere it is flushed only if |y| > 1 / nu, and then |x| < 1, so the quotient is below nu. The factor depends on
     x because XLA merges constant factors: x * (1 / 16) / (constant / 16) becomes x * (1 / constant) again.
     """

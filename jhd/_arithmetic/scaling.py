@@ -16,12 +16,12 @@ from jaxtyping import Array
 
 from jhd._runtime.arrays import is_traced, undifferentiated
 
-# Below all exponents: that of zero, which no number has.
+# Stands for the exponent of zero; below all exponents of numbers.
 _NONE = -(10**6)
 
 
 def common_exponent(*arrays: Any, nothing: int = 0) -> Any:
-    """The k for which 2^-k times the largest entry lies in [1/2, 1); `nothing` where all entries are zero."""
+    """The k for which 2^-k times the largest entry lies in [1/2, 1); `nothing` if all entries are zero."""
     if not is_traced(arrays):
         size = max(np.max(np.abs(x)) for x in arrays)
         return np.frexp(size)[1] if size > 0 else np.int32(nothing)
@@ -39,15 +39,15 @@ def _exponent(x: Any) -> Any:
 
 def scale_of(power: Any, dtype: Any) -> Array:
     """The number 2^-power as far as normal numbers reach, for products that are differentiated."""
-    # Twenty-four powers are left at either end for what is multiplied by it.
+    # Twenty-four powers are left at either end for the factors of later products.
     most = jnp.finfo(dtype).maxexp - 24
     return _two_to(-jnp.clip(power, -most, most), dtype)
 
 
 def times_two_to(x: Any, power: Any) -> Any:
-    """The product x 2^power of a normal number or zero, exact where it is normal; elsewhere as `ldexp`.
+    """The product x 2^power of a normal number or zero, exact if it is normal; otherwise as `ldexp`.
 
-    A program for it has two multiplications, where `ldexp` has thirty operations.
+    It compiles to two multiplications, `ldexp` to thirty operations.
     """
     if not is_traced(x, power):
         return np.ldexp(x, power)
@@ -92,9 +92,9 @@ def frexp(x: Any) -> tuple[Any, Any]:
 
 
 def ldexp(x: Any, power: Any) -> Any:
-    """The product x 2^power, exact where it is a normal number, for subnormal x too.
+    """The product x 2^power, exact if it is a normal number, for subnormal x too.
 
-    NumPy rounds other results, compiled programs make them zero or infinite. The derivative is 2^power.
+    NumPy rounds other results; compiled functions make them zero or infinite. The derivative is 2^power.
     """
     return _times_power(jnp.asarray(x), power) if is_traced(x, power) else np.ldexp(x, power)
 
@@ -128,7 +128,7 @@ def length(vectors: Any) -> Any:
     size = xp.max(abs(vectors), axis=-1, keepdims=True)
     size = undifferentiated(size)
     square = xp.sum((vectors / xp.where(size > 0, size, 1.0)) ** 2, axis=-1)
-    # What is no number stays none.
+    # NaN stays NaN.
     some = square != 0
     return xp.where(some, size[..., 0] * xp.sqrt(xp.where(some, square, 1.0)), 0.0)
 

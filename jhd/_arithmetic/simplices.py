@@ -32,38 +32,38 @@ LEVEL = 24
 
 @cache
 def lattice(k: int, n: int) -> np.ndarray:
-    """The multi-indices of degree n, (indices, k + 1), those of the corners first in their order."""
+    """The multi-indices of degree n, (indices, k + 1); the corners come first, in their order."""
     rows = [(n - sum(i), *i) for i in product(range(n + 1), repeat=k) if sum(i) <= n]
     corners = [tuple(row) for row in n * np.eye(k + 1, dtype=int)] if n else []
     return np.array([*corners, *(row for row in rows if row not in corners)])
 
 
 def _places(k: int, n: int) -> tuple[np.ndarray, ...]:
-    """Where the coefficients of the lattice stand in an array."""
+    """Index arrays that select the coefficients of the lattice in an array."""
     return tuple(lattice(k, n)[:, 1:].T)
 
 
 @cache
 def multinomials(k: int, n: int) -> np.ndarray:
-    """The constant one of degree n: multinomial coefficients, zero where there are none."""
+    """The constant one of degree n: multinomial coefficients, zero outside the lattice."""
     table = np.zeros((n + 1,) * k)
     table[_places(k, n)] = [math.factorial(n) / math.prod(math.factorial(int(x)) for x in i) for i in lattice(k, n)]
     return table
 
 
 def like(k: int, table: np.ndarray, values: Array) -> Array:
-    """Numbers for all entries, with axes for the values of an array."""
+    """The table of numbers for all entries, with axes added to broadcast against the values of an array."""
     return jnp.asarray(table.reshape(*table.shape, *(1,) * (values.ndim - k)), values.dtype)
 
 
 def constant(k: int, n: int, values: Array) -> Array:
-    """The constant one of degree n, with axes for the values of an array."""
+    """The constant one of degree n, with axes added to broadcast against the values of an array."""
     return like(k, multinomials(k, n), values)
 
 
 def scaled(k: int, n: int, coefficients: Array) -> Array:
     """A polynomial of degree n from its coefficients at the lattice, (indices, *values)."""
-    # Where there is no coefficient the first one is taken no times.
+    # Entries outside the lattice are the first coefficient times zero.
     index = np.zeros((n + 1,) * k, int)
     index[_places(k, n)] = np.arange(len(lattice(k, n)))
     table = coefficients[index]
@@ -91,14 +91,14 @@ def dot(k: int, f: Array, g: Array) -> Array:
 
 
 def composed(k: int, rows: Array, inner: Array, complement: Array) -> Array:
-    """A polynomial in Bernstein form along the first axis, of the polynomial that its variable is on the simplex.
+    """Compose a polynomial in Bernstein form (first axis) with its variable, a polynomial on the simplex.
 
     Args:
         k: dimension of the simplex.
-        rows: coefficients (degree + 1, ..., *entries, values, last), already composed in other variables; else entries
-            of one.
+        rows: coefficients (degree + 1, ..., *entries, values, last), already composed in the variables done before;
+            else entries of one.
         inner: the variable (*entries, last), its values in [0, 1].
-        complement: one minus that.
+        complement: one minus `inner`.
     """
     g = inner.shape[0] - 1
     while rows.shape[0] > 1:
@@ -108,9 +108,9 @@ def composed(k: int, rows: Array, inner: Array, complement: Array) -> Array:
 
 
 def _moved(k: int, n: int, x: Array, first: int = 0) -> list[tuple[Any, Array]]:
-    """The array, with room for degrees higher by n, moved by each multi-index of degree n along its axes of entries.
+    """Pairs of each multi-index of degree n and x moved by it along its axes of entries, with room for the degree.
 
-    Written once with zeros about it, of which the moved ones are parts: so the sum of all terms is one loop.
+    All moved arrays are slices of one zero-padded array, so the sum of all terms is one loop.
     """
     axes = range(first, first + k)
     wide = jnp.pad(x, [(n, n) if axis in axes else (0, 0) for axis in range(x.ndim)])
@@ -128,7 +128,7 @@ def _sum(terms: list[Array]) -> Array:
 
 @cache
 def raising(k: int, n: int, to: int) -> np.ndarray:
-    """The matrix that takes coefficients of degree n at the lattice to those of a higher degree; of rows of sum one."""
+    """The matrix that raises coefficients at the lattice from degree n to degree `to`; its rows sum to one."""
     high, low = lattice(k, to), lattice(k, n)
     counts = [math.prod(math.comb(int(a), int(b)) for a, b in zip(i, j, strict=True)) for i in high for j in low]
     return np.reshape(counts, (len(high), len(low))) / math.comb(to, n)
@@ -136,13 +136,13 @@ def raising(k: int, n: int, to: int) -> np.ndarray:
 
 @cache
 def lowering(k: int, to: int, n: int) -> np.ndarray:
-    """A matrix that takes coefficients of a higher degree to those of about the same polynomial of degree n."""
+    """A matrix that takes coefficients of degree `to` to a polynomial of degree n close to the original."""
     return np.linalg.pinv(raising(k, n, to))
 
 
 @cache
 def inner_lattice(k: int, n: int, inset: float) -> np.ndarray:
-    """Barycentric coordinates of the lattice of degree n, moved towards the middle by a share, (indices, k + 1)."""
+    """Barycentric coordinates of the lattice, moved by the fraction `inset` towards the middle, (indices, k + 1)."""
     return (1 - inset) * lattice(k, n) / n + inset / (k + 1)
 
 
@@ -170,10 +170,10 @@ _PARTS = {
 
 @cache
 def dividing(k: int, n: int) -> np.ndarray:
-    """The matrices (parts, indices, indices) that take coefficients at the lattice to those on halves or quarters.
+    """The matrices (parts, indices, indices) that restrict coefficients at the lattice to halves or quarters.
 
-    They are those of products of linear forms, one for each corner; all entries are sums of multiples of 2^-n, and the
-    sums of their rows are one.
+    They come from products of linear forms, one for each corner. All entries are sums of multiples of 2^-n, and each
+    row sums to one.
     """
     places = _places(k, n)
     return np.array([[_forms(k, corners / 2, index)[places] for index in lattice(k, n)] for corners in _PARTS[k]])

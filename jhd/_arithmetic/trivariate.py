@@ -17,7 +17,7 @@ the degrees and T the number of coefficients, k is at most
 Eight more cover coefficients that come rounded, the computation of m (in n + 3 roundings, far below the room that
 `rounding.gamma` leaves) and r.
 
-Underflow: the variables are scaled by powers of two so that r <= 1. Then an absolute error at any place of the chain
+Underflow: the variables are scaled by powers of two so that r <= 1. Then an absolute error at any step of the chain
 reaches the end with a factor of at most one; there are fewer than 6 T (n + 4) operations, each with an error of at
 most nu. Scaled coefficients below nu are lost with an error that is followed exactly; an entry of c or h that is lost
 moves f by at most nu times its slope, below 2 n sum |a|.
@@ -54,7 +54,7 @@ def local_form(
 ) -> Float[Array, "i j k boxes"]:
     """The coefficients D of e -> f(c + h e) for every box, by synthetic division, one variable after the other.
 
-    A coefficient of degree i in a variable of degree n reaches its place through at most 3 n roundings (in each of n
+    A coefficient of degree i in a variable of degree n reaches its entry through at most 3 n roundings (in each of n
     passes one for the sum in which it stays, and two for each of the at most n steps down that multiply by c), and i <=
     n more for the power of h and its product: 4 n in all. The paths from a_ijk have the sizes of the terms of
     |a_ijk| (|c_x| + h_x)^i (|c_y| + h_y)^j (|c_z| + h_z)^k.
@@ -105,13 +105,13 @@ def enclose(
 
     Args:
         coefficients: entry [i, j, k] belongs to x^i y^j z^k. They may be off by a relative rounding each, u |a|: the
-            range is that of the exact ones too.
+            range covers the exact ones too.
         center: centers of the boxes.
         half_width: half of their sides, not negative.
         kind: "bernstein" (the narrowest), "modified_affine", "centered", "horner" or "interval".
 
     Returns:
-        Bounds that are infinite where something overflows.
+        Bounds; infinite if something overflows.
 
     Raises:
         ValueError: another kind.
@@ -158,9 +158,9 @@ def _error(a: Array, c: Array, h: Array, roundings: int, absolute: Array) -> Arr
 
 
 def _scaled(a: Array, c: Array, h: Array) -> tuple[Array, Array, Array, Array]:
-    """The polynomial in variables divided by powers of two so that |c| + h <= 1, and what underflow can make of it.
+    """The polynomial in variables divided by powers of two so that |c| + h <= 1, and error bounds for underflow.
 
-    The error starts with nu for each coefficient, which counts as zero where it is subnormal, is enlarged with the
+    The error starts with nu for each coefficient, since a subnormal one counts as zero. It is enlarged with the
     coefficient, and grows by nu in each product with a power of two, which is exact otherwise.
     """
     nu = rounding.smallest_normal(a.dtype)
@@ -222,7 +222,7 @@ def power_conversion(degree: int) -> np.ndarray:
 
 
 def bernstein_along(form: Array, axis: int) -> Array:
-    """Power coefficients to Bernstein coefficients along one axis; j and n - j share the even and the odd powers."""
+    """Convert power to Bernstein coefficients along one axis; j and n - j use one sum of even and one of odd powers."""
     rows = [form[(slice(None),) * axis + (i,)] for i in range(form.shape[axis])]
     n, matrix, zero = len(rows) - 1, bernstein_conversion(len(rows) - 1), jnp.zeros((), form.dtype)
     result = [rows[0]] * (n + 1)

@@ -26,19 +26,19 @@ from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.trivariate import bernstein_conversion
 from jhd._runtime.arrays import varying
 
-# The degree at which polynomials are cut off. By feet that move, concentric spheres close with 7 in a third of the time
-# that they take with 5.
+# The degree at which polynomials are truncated. With moving feet, concentric spheres close with 7 in a third of the
+# time for 5.
 DEGREE = 7
 # Exponents of the terms, by degree.
 EXPONENTS = sorted(((i, j) for i, j in cartesian(range(DEGREE + 1), repeat=2) if i + j <= DEGREE), key=sum)
 _COUNT = len(EXPONENTS)
 _DEGREES = np.array([i + j for i, j in EXPONENTS])
 _ROW = {powers: k for k, powers in enumerate(EXPONENTS)}
-# Row m, entry k: the term that times term m makes term k; the one after the last is zero.
+# Row m, entry k: the number of the term whose product with term m is term k; the number after the last stands for zero.
 _FACTOR = np.array([[_ROW.get((k[0] - m[0], k[1] - m[1]), _COUNT) for k in EXPONENTS] for m in EXPONENTS])
-# Which of the terms, and last of the rest, are of each degree; the rest counts as beyond the largest one.
+# Masks of the terms, and last of the rest, of each degree; the rest counts as one degree above the largest.
 _OF_DEGREE = np.append(_DEGREES, DEGREE + 1) == np.arange(DEGREE + 2)[:, None]
-# Which products of two of these belong to the rest.
+# Mask of the products of two degrees that belong to the rest.
 _BEYOND = np.add.outer(np.arange(DEGREE + 2), np.arange(DEGREE + 2)) > DEGREE
 # Roundings of a coefficient of a product, and of the sums of its rest.
 _ROUNDINGS = 4 * _COUNT + 16
@@ -49,14 +49,14 @@ _TO_BERNSTEIN = np.stack(
 
 
 class Truncated(NamedTuple):
-    """Functions on the square: coefficients of s^i t^j in the order of EXPONENTS, and the most they are off by."""
+    """Functions on the square: coefficients of s^i t^j in the order of EXPONENTS, and a bound of their error."""
 
     terms: Array  # (terms, ...)
     rest: Array  # (...)
 
     @property
     def size(self) -> Array:
-        """A bound of the absolute values, but for the roundings of this sum."""
+        """A bound of the absolute values, without the roundings of this sum."""
         return jnp.sum(jnp.abs(self.terms), axis=0) + self.rest
 
 
@@ -73,10 +73,10 @@ def product(x: Truncated, y: Truncated) -> Truncated:
 
 
 def _rest_of_product(x: Truncated, y: Truncated) -> Array:
-    """What is beyond the degree, and a share of all for roundings, by the sizes of the terms of each degree."""
+    """Bound of the terms beyond the degree and of all roundings, by the sizes of the terms of each degree."""
     first, second = _sizes(x), _sizes(y)
     room = gamma(_ROUNDINGS, first.dtype)
-    # Of x there may be more functions, side by side.
+    # x may hold more functions than y, side by side.
     second = second.reshape(len(second), *(1,) * (first.ndim - second.ndim), *second.shape[1:])
     shares = np.where(_BEYOND, 1 + 2 * room, room).astype(first.dtype)
     shares = shares.reshape(*shares.shape, *(1,) * (second.ndim - 1))
@@ -84,7 +84,7 @@ def _rest_of_product(x: Truncated, y: Truncated) -> Array:
 
 
 def _known(rest: Array) -> Array:
-    """The rest with what is flushed, and infinite where something unknown is taken no times."""
+    """The rest plus a bound of flushed numbers; infinite if it is NaN (zero times infinity)."""
     return jnp.where(jnp.isnan(rest), jnp.inf, rest + 4 * _COUNT**2 * smallest_normal(rest.dtype))
 
 
@@ -109,7 +109,7 @@ def scaled(x: Truncated, factor: Array | float) -> Truncated:
 
 
 def reciprocal(x: Truncated) -> Truncated:
-    """One over functions; what they are off by is infinite where they may vanish.
+    """One over functions; the rest is infinite if they may vanish.
 
     With m the first term and d = x / m - 1 it is (1 - d + .. - d^7 + d^8 / (1 + d)) / m.
     """
@@ -131,7 +131,7 @@ def reciprocal(x: Truncated) -> Truncated:
 
 
 def composed(form: Array, variables: Truncated) -> Truncated:
-    """The polynomial of x^i y^j .., form (i, j, .., ...), at as many functions of absolute value at most one.
+    """Compose the polynomial of x^i y^j .., form (i, j, .., ...), with functions of absolute value at most one.
 
     Terms of a total degree beyond DEGREE go into the rest, which suits forms whose coefficients fall with the degree.
 
@@ -176,11 +176,11 @@ def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 class _Monomials(NamedTuple):
-    """How monomials come of those of one degree less, from the variables on.
+    """A plan to compute all monomials, each from one of one degree less, starting with the variables.
 
     Args:
-        groups: for each degree from 2 on, variables and which of the monomials before they are multiplied with.
-        entry: where the coefficients of all of them stand, variables first; one behind the last if there is none.
+        groups: for each degree from 2 on, pairs of a variable and the monomials of one degree less to multiply it with.
+        entry: flat index of the coefficient of each monomial, variables first; one behind the last if it has none.
     """
 
     groups: list[list[tuple[int, np.ndarray]]]
@@ -189,7 +189,7 @@ class _Monomials(NamedTuple):
 
 @cache
 def _monomials(shape: tuple[int, ...]) -> _Monomials:
-    """Those with powers below a shape, up to DEGREE."""
+    """The plan for the monomials with powers below a shape, up to DEGREE."""
     count, none = len(shape), math.prod(shape)
     entry = {powers: k for k, powers in enumerate(np.ndindex(*shape))}
     before = [tuple(int(j == axis) for j in range(count)) for axis in range(count)]
@@ -211,19 +211,19 @@ def _monomials(shape: tuple[int, ...]) -> _Monomials:
 def composed_on_graph(form: Array, height: Truncated, loose: Array | float) -> Truncated:
     """The polynomial of s^i t^j z^k, form (i, j, k, ...), at s, t and functions z of absolute value at most one.
 
-    It takes as many products as the powers of z, where `composed` takes one for every monomial.
+    It takes one product for each power of z; `composed` takes one for every monomial.
 
     Args:
         form: the coefficients.
         height: the functions z, (terms, ...).
-        loose: the most that the values of s and t are off, much less than one.
+        loose: largest error of the values of s and t, much less than one.
     """
     dtype, (m, n, count) = form.dtype, form.shape[:3]
     degrees = np.add.outer(np.arange(m), np.arange(n))
     zero, sizes = jnp.zeros_like(form[0, 0]), jnp.abs(form)
     shaped = lambda x: jnp.asarray(x.reshape(m, n, *[1] * (form.ndim - 2)), dtype)  # noqa: E731
     terms = jnp.stack([form[i, j] if i < m and j < n else zero for i, j in EXPONENTS], axis=1)
-    # What is beyond the degree, and what the slopes in s and t make of the values that are off.
+    # Terms beyond the degree, and slopes in s and t, which multiply the errors of their values.
     beyond, slopes = (jnp.sum(shaped(x) * sizes, axis=(0, 1)) for x in (degrees > DEGREE, degrees))
     rows = Truncated(terms, _known((beyond + loose * slopes) * (1 + 1e-3)))
 

@@ -26,7 +26,7 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd.io import load_glyphs
 
 _ALL = ":*"
-# Text beside shapes is rarely a point set.
+# A text file next to shapes is rarely a point set.
 _IN_FOLDERS = tuple(suffix for suffix in SHAPE_SUFFIXES if suffix != ".txt")
 
 
@@ -107,7 +107,7 @@ def duplicates(options: Namespace) -> int:
 
 @contextmanager
 def threads(jobs: int | None) -> Iterator[Executor | None]:
-    """An executor of so many threads; None, the default of jhd, without a number.
+    """An executor of `jobs` threads, or None, the default of jhd, if jobs is None.
 
     Raises:
         ValueError: the number is not positive.

@@ -41,7 +41,7 @@ from jhd.progress import Progress
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
 _DEMO_LETTER = "a"
 _DEMO_FILE = "jhd-demo.png"
-# Exit statuses of their own: a certificate that is refused, and a self-check that fails.
+# Special exit statuses: a certificate that is refused, and a self-check that fails.
 _REFUSED, _FAILED_CHECK = 4, 5
 _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
@@ -111,7 +111,7 @@ def fit(options: Namespace) -> int:
 
 
 def verify(options: Namespace) -> int:
-    """Checks a certificate in exact arithmetic, optionally for given shapes, and prints the proven bounds."""
+    """Check a certificate in exact arithmetic, optionally for given shapes, and print the proven bounds."""
     if len(options.shapes) not in (0, 2):
         raise ValueError(f"shapes after the certificate: {len(options.shapes)}; needs both shapes, or none.")
     shapes = [load_shape(text) for text in options.shapes]
@@ -195,7 +195,7 @@ def doctor(options: Namespace) -> int:
 
 
 def precompile(options: Namespace) -> int:
-    """Compiles the functions for some kinds of shapes and keeps them on disk, for later processes."""
+    """Compile the functions for some kinds of shapes and keep them on disk, for later processes."""
     folder = storage.programs_folder()
     if folder is None:
         raise ValueError("JHD_CACHE is 0, or there is no home folder; set JHD_CACHE=FOLDER to keep compiled functions.")

@@ -56,7 +56,7 @@ from jhd.progress import Callback, Progress
 
 # A directed distance whose bounds agree to this fraction is drawn.
 _CLOSED = 1e-6
-# Points that are projected at once, some seconds of work: on surfaces, and on all else.
+# Points in one batch of projections, some seconds of work: onto surfaces, and onto other shapes.
 _FEW_POINTS, _MANY_POINTS = 1_000, 100_000
 # The exit status of each answer; undecided counts as bounds not closed.
 _STATUS = {"yes": 0, "no": 3, "undecided": 1}
@@ -139,7 +139,7 @@ def _limit(options: Namespace, a: Any, b: Any) -> float:
 def _print_decision(
     options: Namespace, a: Any, b: Any, title: str, found: Decision, seconds: float, asked: dict[str, Any]
 ) -> int:
-    """Prints the answer with the bounds reached, and returns its exit status."""
+    """Print the answer with the bounds reached, and return its exit status."""
     size, limit = rounded_diagonal(a, b), _limit(options, a, b)
     status = INTERRUPTED if interrupted(found) else _STATUS[name_of(found.answer)]
     asked |= {"a": options.a, "b": options.b, "threshold": limit, **tolerances_of(options, a, b), **box_of(a, b)}
@@ -250,7 +250,7 @@ def project(options: Namespace) -> int:
 
 
 def _rows_of(found: Any, shape: Any) -> Iterator[list[Any]]:
-    """The rows of projections: distance, bounds, the place on the shape, the foot point and the result."""
+    """The rows of projections: distance, bounds, the parameters on the shape, the foot point and the result."""
     kind, *parameters = PLACES[kind_of(shape)]
     place = [kind, *parameters] if kind else []
     yield ["distance", "lower", "upper", *place, *(f"foot {axis}" for axis in "xyz"[: shape.dim]), "result"]
@@ -286,7 +286,7 @@ def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
 
 
 def check_drawn(options: Namespace, dim: int) -> None:
-    """Raises an error if a requested picture or page cannot be written."""
+    """Raise an error if a requested picture or page cannot be written."""
     if options.plot:
         check_picture_file(options.plot)
     if options.html:
@@ -294,7 +294,7 @@ def check_drawn(options: Namespace, dim: int) -> None:
 
 
 def write_page(file: str, *shown: Any) -> None:
-    """Writes the page of two shapes and their distance, or of a deviation."""
+    """Write the page of two shapes and their distance, or of a deviation."""
     with busy("drawing"):
         replace_file(file, jhd.plot.page(*shown))
 
@@ -308,7 +308,7 @@ def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]
 
 
 def _certified(file: str, a: Any, b: Any, solution: HausdorffSolution | MinimumSolution) -> bool:
-    """Writes the certificate of the solution; False, after a line on stderr, if its bounds cannot be proven."""
+    """Write the certificate of the solution; return False, after a line on stderr, if its bounds cannot be proven."""
     try:
         with busy("certifying") as show:
             certificate = jhd.certify(a, b, solution, progress=show)

@@ -18,11 +18,11 @@ from jhd._results.solution import to_plain
 from jhd._runtime.starting import INTERRUPTED
 from jhd.progress import Callback, Progress
 
-# Seconds after which an interrupt that was dropped is sent again: what dropped it is over by then.
+# Seconds after which a dropped interrupt is sent again: by then the function that dropped it has ended.
 _AGAIN = 0.02
-# Seconds after which the time is told anew.
+# Seconds between updates of the elapsed time.
 _SECOND = 1.0
-# Seconds between two that are shown of many.
+# Least seconds between two reports that are shown.
 _PACE = 0.1
 
 
@@ -50,7 +50,7 @@ def timed(action: Callable[[], Any]) -> tuple[Any, float]:
 
 @contextmanager
 def busy(message: str) -> Iterator[Callback]:
-    """Shows a message and the elapsed seconds while the block runs; only if standard error is a terminal.
+    """Show a message and the elapsed seconds while the block runs; only if standard error is a terminal.
 
     Yields a function that shows progress: pass it as `progress=` to any call. The seconds also count during
     compilation, which reports no progress.
@@ -62,7 +62,7 @@ def busy(message: str) -> Iterator[Callback]:
     start, line, shown, over = time.perf_counter(), threading.Lock(), f"{message} ...", threading.Event()
 
     def write(text: str) -> None:
-        # A line that does not fit would be broken, and its first part stay.
+        # A line that does not fit would wrap, and its first part would stay.
         print(f"\r\x1b[K{text[: get_terminal_size().columns - 1]}", end="", file=sys.stderr, flush=True)
 
     def show(text: str | None = None) -> None:
@@ -87,7 +87,7 @@ def busy(message: str) -> Iterator[Callback]:
 
 
 def paced(show: Callback) -> Callback:
-    """The same for thousands of reports a second, most of which are not shown."""
+    """A callback that passes on at most one report in 0.1 s, for thousands of reports a second."""
     last = -_PACE
 
     def call(progress: Progress) -> None:
@@ -101,9 +101,9 @@ def paced(show: Callback) -> Callback:
 
 @contextmanager
 def interrupts_heard() -> Iterator[None]:
-    """Resends an interrupt that Python has dropped while the block runs.
+    """Resend any interrupt that Python drops while the block runs.
 
-    Python drops exceptions that nobody can catch: those in a finalizer, or in a function that the garbage collector
+    Python drops exceptions that cannot be caught, raised in a finalizer or in a function that the garbage collector
     calls. JAX has such a function, and an interrupt that arrives during a collection is always raised there.
     """
     usual, sent = sys.unraisablehook, []

@@ -63,7 +63,7 @@ def read_shape(name: str, text: str, box: list[float] | None) -> Any:
 
 
 def check_box(box: list[float] | None, shapes: Sequence[Any], otherwise: str) -> None:
-    """Raises ValueError if there is a box but no implicit surface for it."""
+    """Raise ValueError if there is a box but no implicit surface for it."""
     if box is not None and not any(isinstance(shape, ImplicitSurface) for shape in shapes):
         raise ValueError(f"--box is for implicit surfaces, and {otherwise}; leave it out.")
 
@@ -84,7 +84,7 @@ def box_of(*shapes: Any) -> dict[str, Any]:
 
 
 def check_writable(file: str | None, *suffixes: str) -> None:
-    """Raises ValueError if a file cannot have this name, before a long computation and not after it.
+    """Raise ValueError if a file cannot have this name, before a long computation and not after it.
 
     Args:
         file: the name; None for no file.

@@ -19,7 +19,7 @@ TABLE_SUFFIXES = ".csv", ".json"
 def delivered(
     options: Namespace, found: Any, content: Any = None, table: Iterable[Sequence[Any]] = (), **context: Any
 ) -> bool:
-    """Writes a result to the file of --out and prints it as JSON on --json; whether it was printed.
+    """Write a result to the file of --out and print it as JSON if --json is given; return whether it was printed.
 
     Args:
         options: the parsed options, of which `out` and `json` are used.
@@ -38,7 +38,7 @@ def delivered(
 
 
 def print_files(**files: str | None) -> None:
-    """Names the files that were written."""
+    """Print the names of the files that were written."""
     for name, file in files.items():
         if file:
             print(f"{name:<10} {Path(file).resolve()}")

@@ -38,7 +38,7 @@ _PICTURE_SIZE = 180 * _MILLIMETERS, 102 * _MILLIMETERS  # two columns of a journ
 PICTURE_DPI = 200
 _SPACE_SIZE = 120 * _MILLIMETERS, 115 * _MILLIMETERS
 _BAR = 24  # characters of a bar of progress
-_DIGITS = 10  # of a distance that a bar shows; by default a search ends at about so many
+_DIGITS = 10  # digits of a distance in a bar; by default a search ends with about this many
 _SPEC_WIDTH = 60  # path data can be pages long
 
 
@@ -219,7 +219,7 @@ def _digits(lower: float, upper: float) -> int:
 
 
 def check_picture_file(file: str) -> None:
-    """Raises ValueError if a picture cannot have this name, before a long computation and not after it."""
+    """Raise ValueError if a picture cannot have this name, before a long computation and not after it."""
     from matplotlib.figure import Figure
 
     formats = Figure().canvas.get_supported_filetypes()
@@ -231,7 +231,7 @@ def check_picture_file(file: str) -> None:
 
 
 def check_page_file(file: str, dim: int) -> None:
-    """Raises an error unless a page for shapes of so many coordinates can be written under this name."""
+    """Raise an error unless a page for shapes with `dim` coordinates can be written under this name."""
     if Path(file).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"{file}: the name must end in .html.")
     if not Path(file).absolute().parent.is_dir():
@@ -248,7 +248,7 @@ def picture(
     labels: Sequence[str] = ("A", "B"),
     unit: str = "input units",
 ) -> None:
-    """Writes the curves with the larger of the directed distances, next to the profile of each direction."""
+    """Write the curves with the larger of the directed distances, next to the profile of each direction."""
     # A figure without pyplot: no window, and the backend that the user has set stays as it is.
     from matplotlib.figure import Figure
 
@@ -265,7 +265,7 @@ def picture(
 
 
 def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
-    """Writes two implicit surfaces with the witness, or the shape with the witness colored by its distance."""
+    """Write two implicit surfaces with the witness, or the shape with the witness colored by its distance."""
     if not (isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)):
         _save_and_close(file, plot.distances(a, b, solution).figure)
         return
@@ -278,7 +278,7 @@ def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> Non
 
 
 def minimum_picture(file: str, a: Any, b: Any, found: MinimumSolution) -> None:
-    """Writes two shapes with their nearest points."""
+    """Write two shapes with their nearest points."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SPACE_SIZE, layout=None if a.dim == 3 else "constrained")
@@ -289,12 +289,12 @@ def minimum_picture(file: str, a: Any, b: Any, found: MinimumSolution) -> None:
 
 
 def deviation_picture(file: str, found: Any) -> None:
-    """Writes the shape colored by its distance, with a histogram."""
+    """Write the shape colored by its distance, with a histogram."""
     _save_and_close(file, plot.deviation(found).figure)
 
 
 def neighbors_picture(file: str, queries: Any, shapes: Any, found: Any, names: tuple[list[str], list[str]]) -> None:
-    """Writes the first queries with their nearest shapes, as a picture or page."""
+    """Write the first queries with their nearest shapes, as a picture or page."""
     axes = plot.neighbors(queries, shapes, found, query_names=names[0], names=names[1])
     if not file.lower().endswith((".html", ".htm")):
         _save_and_close(file, axes[0, 0].figure)
@@ -306,7 +306,7 @@ def neighbors_picture(file: str, queries: Any, shapes: Any, found: Any, names: t
 
 
 def save_figure(file: str, figure: Any) -> None:
-    """Writes a picture in the format of its suffix; an interrupted call leaves no partial file."""
+    """Write a picture in the format of its suffix; an interrupted call leaves no partial file."""
     stream = io.BytesIO()
     figure.savefig(stream, format=Path(file).suffix.removeprefix(".").lower(), dpi=PICTURE_DPI)
     replace_file(file, stream.getvalue())

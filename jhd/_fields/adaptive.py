@@ -338,10 +338,10 @@ class AdaptiveDistanceField(eqx.Module):
             raise ValueError(f"{path}: {str(error)[:200]}") from error
 
     def _times(self, power: int) -> "AdaptiveDistanceField":
-        """The field of everything 2^power times as large.
+        """The field with all lengths multiplied by 2^power.
 
         Raises:
-            ValueError: it leaves the range of floats: the field is of another size than the mesh.
+            ValueError: it exceeds the range of floats: the sizes of the field and of the mesh do not match.
         """
         lengths = lambda f: (f.lower, f.spacing, f.values, f.tolerance)  # noqa: E731
         scaled = [_scaled(np.asarray(x), power) for x in lengths(self)]
@@ -363,7 +363,7 @@ class AdaptiveDistanceField(eqx.Module):
         return self
 
     def _numbers(self, points: np.ndarray) -> np.ndarray:
-        """The field at points in rows, on the host."""
+        """The field at points (points, 3), on the host."""
         rows = jnp.asarray(points, self.values.dtype)
         return np.asarray(values_at(self._cells(), rows, self.depth), np.float64)
 
@@ -425,7 +425,7 @@ def _indices(name: str, given: np.ndarray) -> Array:
 
 
 def _check_leaves(known: dict[str, Any]) -> None:
-    """Raises ValueError where leaves are out of the box, or lengths not positive."""
+    """Raise ValueError if leaves are out of the box, or lengths not positive."""
     places, widths = np.asarray(known["places"], np.int64), np.asarray(known["widths"], np.int64)
     cells = np.array(known["roots"].shape, np.int64) << known["depth"]
     if widths.size and (places.min() < 0 or np.any(places + widths[:, None] > cells)):

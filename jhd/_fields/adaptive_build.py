@@ -1,4 +1,4 @@
-"""Builds an adaptively sampled distance field: an octree over a mesh, refined level by level.
+"""Construction of an adaptively sampled distance field: an octree over a mesh, refined level by level.
 
 At 19 points of a cell (the midpoints of its edges and faces, and its center) the distance is compared with the
 trilinear interpolation of the corner values. A cell is split if one of them is off by more than the tolerance. Points
@@ -29,12 +29,12 @@ MODES = ("band", "full")
 _FIRST = 16
 # The margin between the mesh and the sides of the box: this fraction of its size, and this many tolerances.
 _MARGIN, _TOLERANCES = 1 / 16, 2
-# Units in the last place of the largest coordinate that the margin has at least.
+# Least margin in units in the last place of the largest coordinate.
 _LEAST = 64
 # Halvings for which positions in the grid have room: three positions fit into 63 bits.
 DEEPEST, _BITS = 15, 21
 
-# The 27 points of a cell in half sides, x slowest; which of them are corners, which are compared, and the middle.
+# The 27 points of a cell in half sides, x slowest; numbers of the corners, of the compared points, and of the middle.
 _POINTS = np.array(list(np.ndindex(3, 3, 3)))
 _CORNER = np.flatnonzero(np.all(_POINTS != 1, axis=1))
 _TESTED = np.flatnonzero(np.any(_POINTS == 1, axis=1))
@@ -44,7 +44,7 @@ _WEIGHTS = np.prod(np.where(CORNERS[None], _POINTS[_TESTED, None] / 2, 1 - _POIN
 _CHILD = np.array([[int((child + corner) @ [9, 3, 1]) for corner in CORNERS] for child in CORNERS])
 # Distances between the 27 points in half sides.
 _APART = np.linalg.norm(_POINTS[:, None] - _POINTS[None], axis=2)
-# Rounds in which points hand their sides to others of their cells; what is left then has its own winding numbers.
+# Rounds in which points pass their sides to others of their cells; remaining points get their own winding numbers.
 _ROUNDS = 4
 
 
@@ -56,7 +56,7 @@ class Grid(NamedTuple):
         shape: number of cells along each axis.
         side: of a cell.
         deepest: halvings after which corners and middles are still floats.
-        origin: what places are counted from.
+        origin: the point from which positions are counted.
     """
 
     start: Int[np.ndarray, "3"]
@@ -71,17 +71,17 @@ class Grid(NamedTuple):
         return self.origin + self.start * self.side
 
     def scaled(self, power: int) -> "Grid":
-        """The same grid in a unit that is 2^-power as large."""
+        """The grid with lengths multiplied by 2^power."""
         return self._replace(side=float(np.ldexp(self.side, power)), origin=np.ldexp(self.origin, power))
 
     def points(self, places: np.ndarray, level: int, dtype: Any) -> np.ndarray:
-        """Coordinates of places counted in half sides of cells of a level; exact if the origin is zero."""
+        """Coordinates of positions counted in half sides of cells of a level; exact if the origin is zero."""
         half = np.ldexp(self.side, -level - 1)
         return (self.origin + (places + (self.start.astype(np.int64) << (level + 1))) * half).astype(dtype)
 
 
 class Octree(NamedTuple):
-    """What a construction gives; widths and places are counted in the finest cells.
+    """A constructed octree; widths and positions are counted in the finest cells.
 
     Args:
         grid: the first level.
@@ -90,9 +90,9 @@ class Octree(NamedTuple):
         corners: the samples of each leaf, in the order of CORNERS.
         places: lower corners of the leaves.
         widths: of the leaves.
-        nodes: the parts of each cell that was split: numbers of such cells, or -1 - the number of a leaf.
-        roots: the same for the cells of the first level.
-        unresolved: leaves off by more than the tolerance, at the largest depth or where there was no more room.
+        nodes: the children of each split cell: the number of a split cell, or -1 - the number of a leaf.
+        roots: these numbers for the cells of the first level.
+        unresolved: leaves off by more than the tolerance, due to max_depth or max_cells.
         queries: points whose distance was computed.
     """
 
@@ -109,7 +109,7 @@ class Octree(NamedTuple):
 
 
 class _OctreeLevel(NamedTuple):
-    """Cells of one level, the samples at their corners, and which of them were split."""
+    """Cells of one level, the samples at their corners, and a mask of the split cells."""
 
     cells: np.ndarray
     corners: np.ndarray
@@ -129,7 +129,7 @@ class Task(NamedTuple):
 
 
 def may_meet(distance: Float[np.ndarray, "cells 8"], side: float) -> Bool[np.ndarray, " cells"]:
-    """Which cells are not proven to miss the surface by lower bounds of the distances at their corners.
+    """Mask of the cells not proven to miss the surface by lower bounds of the distances at their corners.
 
     A point of the surface in a cell is at least as far from every corner as the corner is from the surface. The squares
     of its distances from two opposite corners have a sum of at most 3 side^2, and the nearest corner is not farther
@@ -175,7 +175,7 @@ def first_grid(mesh: TriangleMesh, tolerance: float) -> Grid:
     lower, upper = (np.asarray(end, np.float64) for end in mesh.bounds)
     info = np.finfo(np.asarray(mesh.vertices).dtype)
     size, reach = float(np.max(upper - lower)), float(np.max(np.abs([lower, upper])))
-    # A mesh that is a single place still has a box that floats can divide.
+    # The box of a mesh that is a single point can still be divided in floats.
     least = _LEAST * max(reach * float(info.eps), float(info.smallest_normal) / float(info.eps))
     margin = max(_MARGIN * size, _TOLERANCES * tolerance, least)
     if not reach + 2 * (size + 2 * margin) < float(info.max):
@@ -214,7 +214,7 @@ def _begin(task: Task, grid: Grid) -> tuple[Samples, _OctreeLevel]:
 def _compared(
     task: Task, grid: Grid, samples: Samples, level: _OctreeLevel, depth: int
 ) -> tuple[Samples, _OctreeLevel, Int[np.ndarray, "cells 27"]]:
-    """The level with the cells that are to be split, and the 27 samples of each of those."""
+    """The samples, the level with its cells to be split marked, and the 27 samples of each marked cell."""
     side = float(np.ldexp(grid.side, -depth))
     band, which = task.mode == "band", np.arange(len(level.cells))
     if band:
@@ -251,13 +251,13 @@ class _Batch(NamedTuple):
     side: float
 
     def points(self, places: np.ndarray) -> np.ndarray:
-        """Coordinates of places in half sides."""
+        """Coordinates of positions in half sides."""
         return self.grid.points(places, self.depth, self.task.surface.dtype)
 
     def sampled(
         self, samples: Samples, cells: np.ndarray, index: np.ndarray, which: np.ndarray
     ) -> tuple[Samples, np.ndarray]:
-        """Distances at some of the 27 points of cells, their numbers put into `index`, and the places that are new."""
+        """Add samples at points `which` of the 27 of each cell, with numbers in `index`; also new positions."""
         places = 2 * cells[:, None].astype(np.int64) + _POINTS[which]
         keys = (places[..., 0] << 2 * _BITS) | (places[..., 1] << _BITS) | places[..., 2]
         _, first, number = np.unique(keys.ravel(), return_index=True, return_inverse=True)
@@ -266,7 +266,7 @@ class _Batch(NamedTuple):
         owner, point = np.divmod(first, len(which))
         corners = index[owner][:, _CORNER]
         apart = _APART[which[point]][:, _CORNER] * (0.5 * self.side)
-        # The triangle of the corner that promises the shortest way.
+        # The triangle of the corner with the smallest sum of its distance and the distance to the point.
         best = np.argmin(samples.distance[corners] + apart, axis=1)
         near = samples.triangle[corners[np.arange(len(corners)), best]]
         found = unsigned(self.task.surface, self.points(new), near)
@@ -280,7 +280,7 @@ class _Batch(NamedTuple):
 def _take_sides(
     batch: _Batch, samples: Samples, cells: np.ndarray, index: np.ndarray, places: np.ndarray, first: int
 ) -> None:
-    """Gives all samples of the cells their sides, those from number `first` on being new, at these places."""
+    """Determine the sides of all samples of the cells; samples from number `first` on are new, at `places`."""
     surface = batch.task.surface
     if surface.linked:
         cell, point = _open(samples, index)
@@ -297,13 +297,13 @@ def _take_sides(
 
 
 def _open(samples: Samples, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The cells, and which of their samples, whose side is not known."""
+    """Cell and point indices of the samples whose side is not known."""
     cell, point = np.nonzero(samples.side[index] == 0)
     return cell, point
 
 
 def _assembled(grid: Grid, levels: list[_OctreeLevel], samples: Samples, unresolved: int) -> Octree:
-    """The leaves of all levels, the samples that they use, and the cells that lead to them."""
+    """The octree of all levels, with only the samples that leaves use."""
     depth, leaves, nodes = len(levels) - 1, 0, 0
     codes, places, corners, widths = [], [], [], []
     for k, level in enumerate(levels):

@@ -26,14 +26,14 @@ from jhd._triangles.closest_point import closest_points
 
 # Distances of the points z from the middle, in sides of the box.
 _REACHES = np.array([0.0, 1.0, -1.0, 4.0, -4.0])
-# Boxes that are worked on at once.
+# Boxes in one batch.
 _BOXES = 1 << 14
-# Weights of the corners of a box at those of its parts: (part, corner, corner of the box).
+# Weights of the corners of a box at the corners of its parts: (part, corner, corner of the box).
 _HALVES = (CORNERS[:, None] + CORNERS[None]) / 2
 _PARTS = np.prod(np.where(CORNERS == 1, _HALVES[:, :, None], 1 - _HALVES[:, :, None]), axis=3)
-# Roundings of values and places of parts, some for each halving down to the precision of places, and of the bound.
+# Roundings of values and positions of parts, some for each halving down to the last place, and of the bound.
 _ROUNDINGS = 1024
-# The worst boxes are split first, at most this part of all boxes together.
+# The worst boxes are split first, at most 1 / _SHARE of the largest number of boxes together.
 _SHARE = 64
 
 
@@ -61,7 +61,7 @@ class LeafBoxes(NamedTuple):
 
 
 def meeting(surface: Surface, boxes: LeafBoxes) -> LeafBoxes:
-    """The boxes that may meet the surface: their middle is not farther from it than half the diagonal."""
+    """The boxes that may meet the surface: those with a middle within half the diagonal of it."""
     middle = boxes.lower + 0.5 * boxes.width[:, None]
     asked = middle.astype(surface.dtype)
     shift = np.linalg.norm(asked.astype(np.float64) - middle, axis=1)
@@ -75,8 +75,8 @@ def largest_error(surface: Surface, boxes: LeafBoxes, rtol: float, most: int) ->
     Args:
         surface: the mesh, whose winding number is constant off it.
         boxes: the boxes, one at least.
-        rtol: how far above the largest error seen at middles of boxes a bound may stay; larger ones are made smaller.
-        most: boxes beyond which no more are split.
+        rtol: largest relative excess of a bound over the largest error seen at middles; larger bounds are refined.
+        most: number of boxes after which no more are split.
     """
     slack = _slack(boxes)
     bounds, errors = _bounded(surface, boxes)
@@ -88,7 +88,7 @@ def largest_error(surface: Surface, boxes: LeafBoxes, rtol: float, most: int) ->
         room = min(most // _SHARE, (most - spent) // 8)
         if not len(bounds) or room < 1 or boxes.width.min() < slack:
             return float(round_up(np.float64(max(done, float(np.max(bounds, initial=0.0))) + slack)))
-        # The worst first: what is left when there is no more room is then as small as it can be.
+        # The worst first: then the bounds left when the room ends are as small as possible.
         order = np.argsort(-bounds, kind="stable")
         worst, rest = order[:room], order[room:]
         parts = boxes.take(worst).parts()
@@ -100,7 +100,7 @@ def largest_error(surface: Surface, boxes: LeafBoxes, rtol: float, most: int) ->
 
 
 def _slack(boxes: LeafBoxes) -> float:
-    """What rounding makes of places, values and bounds."""
+    """Bound of the rounding of positions, values and bounds."""
     size = np.max(np.abs(boxes.lower)) + 8 * np.max(boxes.width) + np.max(np.abs(boxes.values))
     return float(gamma(_ROUNDINGS, np.float64) * size)
 
@@ -114,6 +114,7 @@ def _bounded(surface: Surface, boxes: LeafBoxes) -> tuple[np.ndarray, np.ndarray
 
 
 def _of_batch(surface: Surface, boxes: LeafBoxes) -> tuple[np.ndarray, np.ndarray]:
+    """`_bounded` for one batch: the least bound over several points z along the normal, and errors at the middles."""
     middle = (boxes.lower + 0.5 * boxes.width[:, None]).astype(surface.dtype)
     found = closest_points(surface.mesh, middle)
     normal = np.asarray(surface.mesh.normals, np.float64)[found.triangle]

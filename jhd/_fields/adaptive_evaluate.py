@@ -72,7 +72,7 @@ def _leaf(cells: LeafCells, cell: Array, depth: int) -> Array:
 
 
 def values_at(cells: LeafCells, points: Float[Array, "points 3"], depth: int) -> Float[Array, " points"]:
-    """The field at many points; where all numbers are known, in blocks of a few sizes."""
+    """The field at many points; if all numbers are known, in blocks of a few sizes."""
     if is_traced(cells, points):
         return _values(cells, points, depth)
     return jnp.asarray(in_blocks(lambda p: _values(cells, p, depth), np.asarray(points)))

@@ -22,25 +22,25 @@ _SIDE = 8
 _WIDE = _SIDE + 1
 # Blocks along the side of the volume that marching cubes is given; single precision has 7e-6 of a cell there.
 _TILES = 12
-# Samples closer to zero than this share of a cell are moved off it for marching cubes alone, so that vertices are seen
-# to lie on an edge, and on which.
+# Samples closer to zero than this fraction of a cell are moved off it for marching cubes only, so that each vertex is
+# recognized to lie on an edge, and on which edge.
 _OFF, _NODE = 2e-3, 2e-4
 # Steps of the search for the zero on an edge after the linear guess, each with one value of the field.
 _STEPS = 2
-# Bytes for each block, as measured on forty thousand of them.
+# Bytes for each block, as measured on forty thousand blocks.
 _BYTES = 8_000
-# Pairs of a leaf and a block that are listed at once.
+# Pairs of a leaf and a block in one batch.
 _PAIRS = 1 << 20
 
 
 class Leaves(NamedTuple):
-    """Leaves with places and widths counted in finest cells, `count` of which fill the box along each axis.
+    """Leaves, with corners and widths counted in finest cells, `count` of which fill the box along each axis.
 
     Args:
-        places: their lower corners.
+        places: lower corners of the leaves.
         widths: of the leaves.
-        least: the smallest value at their corners.
-        most: the largest.
+        least: the smallest value at the corners of each leaf.
+        most: the largest value at the corners of each leaf.
         count: finest cells along each axis.
     """
 
@@ -60,7 +60,7 @@ class _Lattice(NamedTuple):
     field: Callable[[np.ndarray], np.ndarray]
 
     def values(self, nodes: np.ndarray) -> np.ndarray:
-        """The field at samples (..., 3), those beyond the last taken as the last."""
+        """The field at samples (..., 3); samples beyond the last count as the last."""
         points = self.lower + self.step * np.minimum(nodes, self.cells)
         return self.field(points.reshape(-1, 3)).reshape(nodes.shape[:-1])
 
@@ -70,7 +70,7 @@ class _Lattice(NamedTuple):
         return ((x * (self.cells[1] + 1) + y) * (self.cells[2] + 1) + z) * 4 + kind
 
     def node_of(self, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What `key` was made of."""
+        """The sample and the kind from which `key` was made."""
         rest, kind = np.divmod(key, 4)
         rest, z = np.divmod(rest, self.cells[2] + 1)
         return np.stack([*np.divmod(rest, self.cells[1] + 1), z], axis=-1), kind
@@ -82,7 +82,7 @@ class _ExtractedPart(NamedTuple):
     Args:
         triangles: keys of their corners.
         inner: keys of corners that are inside of cells.
-        places: where these are, counted in cells.
+        places: coordinates of the inner corners, counted in cells.
     """
 
     triangles: Int[np.ndarray, "triangles 3"]
@@ -100,16 +100,16 @@ def extracted(
     """The mesh of the zero set.
 
     Args:
-        leaves: those of the field.
+        leaves: leaves of the field.
         lower: the lower corner of the box.
-        upper: its upper corner.
+        upper: the upper corner of the box.
         resolution: cells of the grid along the longest side of the box.
         field: values at points (points, 3).
 
     Raises:
         ImportError: scikit-image is not installed.
         ValueError: no cell of the grid has corners of both signs.
-        MemoryError: the mesh would take more memory than there is.
+        MemoryError: the mesh would take more than the free memory.
     """
     sides = upper - lower
     cells = np.maximum(2, np.round(resolution * sides / np.max(sides))).astype(np.int64)
@@ -146,7 +146,7 @@ def _blocks(leaves: Leaves, cells: np.ndarray) -> Int[np.ndarray, "blocks 3"]:
 
 
 def _spanned(first: np.ndarray, spans: np.ndarray) -> Iterator[np.ndarray]:
-    """The blocks of boxes of blocks, some boxes at a time."""
+    """The blocks in boxes of blocks, in batches of boxes."""
     counts = np.prod(spans, axis=1)
     batch = np.cumsum(counts) // _PAIRS
     for rows in np.split(np.arange(len(counts)), np.flatnonzero(np.diff(batch)) + 1):
@@ -164,14 +164,14 @@ def _batches(blocks: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _marched(lattice: _Lattice, blocks: np.ndarray) -> _ExtractedPart | None:
-    """The triangles of up to _TILES^3 blocks; None where there are none."""
+    """The triangles of up to _TILES^3 blocks, or None."""
     try:
         from skimage.measure import marching_cubes
     except ImportError as error:
         raise ImportError("to_mesh needs scikit-image: pip install jhd[mesh].") from error
     nodes = _SIDE * blocks[:, None] + np.indices((_WIDE,) * 3).reshape(3, -1).T
     values = _off_zero(lattice.values(nodes), float(np.max(lattice.step)))
-    # A cell is left out where the mask is false at its last corner.
+    # marching_cubes omits a cell if the mask is false at its last corner.
     whole = np.all((nodes > _SIDE * blocks[:, None]) & (nodes <= lattice.cells), axis=2)
     if not np.any(values < 0) or not np.any(values > 0):
         return None
@@ -210,7 +210,7 @@ def _on_edges(lattice: _Lattice, node: np.ndarray, axis: np.ndarray) -> np.ndarr
     ends, at = (np.zeros(len(node)), np.ones(len(node))), (lattice.field(start), lattice.field(start + along))
     (low, high), (first, second) = ends, at
     sign = np.where(first < 0, -1.0, 1.0)
-    # Outside of the bracket nothing is looked for, whatever rounding makes of a value near zero.
+    # The zero stays within the bracket, whatever the rounding of values near zero.
     first, second = np.maximum(sign * first, 0.0), np.minimum(sign * second, 0.0)
     for _ in range(_STEPS):
         middle = _between(low, high, first, second)
@@ -226,7 +226,7 @@ def _on_edges(lattice: _Lattice, node: np.ndarray, axis: np.ndarray) -> np.ndarr
 
 
 def _between(low: np.ndarray, high: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """The zero of the line through values first >= 0 and second <= 0; the middle where both are zero."""
+    """The zero of the line through values first >= 0 and second <= 0; the middle if both are zero."""
     size = first - second
     share = np.where(size > 0, first / np.where(size > 0, size, 1.0), 0.5)
     return low + share * (high - low)

@@ -37,7 +37,7 @@ _LIFTS = 5
 
 @runtime_checkable
 class HasSearch(Protocol):
-    """How nearest points of a mesh are found, as by jhd.published.VertexVoxels."""
+    """An object with a search for nearest points of a mesh, for example jhd.published.VertexVoxels."""
 
     _search: Search
 
@@ -46,10 +46,10 @@ class Samples(NamedTuple):
     """Points near a mesh with their known distances and sides.
 
     Args:
-        distance: to the mesh, as rounded, in its unit.
-        clearance: proven lower bounds of it.
+        distance: rounded distances to the mesh, in its unit.
+        clearance: proven lower bounds of the distances.
         triangle: the nearest triangle, in the order of the tree.
-        side: 1 outside, -1 inside, 0 where that is not known yet.
+        side: 1 outside, -1 inside, 0 if not known yet.
     """
 
     distance: Float[np.ndarray, " points"]
@@ -64,11 +64,11 @@ class Samples(NamedTuple):
 
 
 class CellNeighbors(NamedTuple):
-    """Samples about each of some points.
+    """Known samples around each of some points.
 
     Args:
-        numbers: which samples.
-        points: their coordinates.
+        numbers: numbers of the samples.
+        points: coordinates of the samples.
     """
 
     numbers: Int[np.ndarray, "points neighbors"]
@@ -80,11 +80,11 @@ class Surface(NamedTuple):
 
     Args:
         mesh: the mesh, its numbers known.
-        tree: its tree.
+        tree: tree of its triangles.
         sign: one of SIGNS.
-        linked: whether the distances have no jumps: those by the winding number where it is constant off the mesh, and
-            those without a sign.
-        search: how nearest points are found; None for the exact search.
+        linked: whether the distances have no jumps: unsigned ones, and signed ones if the winding number is constant
+            off the mesh.
+        search: the search for nearest points; None for the exact search.
     """
 
     mesh: TriangleMesh
@@ -100,7 +100,7 @@ class Surface(NamedTuple):
 
 
 def surface_of(mesh: TriangleMesh, sign: str = "winding", search: Search | None = None) -> Surface:
-    """The prepared mesh; with a search its distances are those of the search, and its signs published averages.
+    """The prepared mesh; a search determines the distances, and signs then use the published averages of normals.
 
     Raises:
         ValueError: an unknown sign, or normals of a mesh that is not closed and consistently oriented.
@@ -119,17 +119,17 @@ def surface_of(mesh: TriangleMesh, sign: str = "winding", search: Search | None 
 def unsigned(
     surface: Surface, points: Float[np.ndarray, "points 3"], near: Int[np.ndarray, " points"] | None = None
 ) -> Samples:
-    """Distances; sides only where they are those of pseudonormals, or all are outside.
+    """Samples with distances; sides are known only by pseudonormals or averages, or without a sign (all outside).
 
     Args:
         surface: the mesh.
-        points: in its unit and precision, one at least.
-        near: a near triangle for each point, in the order of the tree; else they are searched for.
+        points: one point at least, in the unit and precision of the mesh.
+        near: a near triangle for each point, in the order of the tree; None searches for them.
     """
     if surface.search is not None:
         local = surface.search(points, surface.mesh)
         behind = is_behind(surface.mesh, points, local.triangle, local.t, surface.sign)
-        # No other point is searched for near these triangles, so they need no numbers of the tree.
+        # No other search starts near these triangles, so they need no numbers of the tree.
         return Samples(local.distance, local.lower, local.triangle, np.where(behind, -1, 1).astype(np.int8))
     tree, scaled = in_unit_of(surface.tree, points)
     found = nearest_triangles(tree, scaled, near)
@@ -148,22 +148,22 @@ def _is_behind(mesh: TriangleMesh, tree: TriangleTree, scaled: np.ndarray, near:
 
 
 def _met(samples: Samples, others: np.ndarray, apart: np.ndarray, clearance: np.ndarray) -> np.ndarray:
-    """The side of one of `others` whose ball meets the ball of radius `clearance`, 0 where there is none."""
+    """The known side of a sample among `others` whose ball meets the ball of radius `clearance`; 0 if none does."""
     meets = _meet(apart, clearance[:, None], samples.clearance[others])
     side = np.where(meets, samples.side[others], 0)
     return side[np.arange(len(side)), np.argmax(np.abs(side), axis=1)]
 
 
 def spread(samples: Samples, who: np.ndarray, others: np.ndarray, apart: np.ndarray) -> None:
-    """Hands sides that are known to points whose side is not, in place."""
+    """Set the sides of the samples `who` from `others` whose balls meet theirs, in place."""
     found = _met(samples, others, apart, samples.clearance[who])
     samples.side[who[found != 0]] = found[found != 0]
 
 
 def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray, others: CellNeighbors) -> None:
-    """Hands sides to points close to the mesh, in place.
+    """Set the sides of samples close to the mesh from their neighbors, in place.
 
-    They are moved away from it, inside the balls about them, until a ball meets that of a neighbor.
+    Points are moved away from the mesh, inside the balls about them, until a ball meets the ball of a neighbor.
     """
     left = np.arange(len(who))
     for _ in range(_LIFTS):
@@ -178,7 +178,7 @@ def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray
 
 
 def decide(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray) -> None:
-    """Gives sides by the winding number to those that have none, in place."""
+    """Set missing sides by the winding number, in place."""
     left = np.flatnonzero(samples.side[who] == 0)
     if len(left):
         found = closest_points(surface.mesh, points[left]) if surface.linked else None
@@ -188,12 +188,12 @@ def decide(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarr
 def is_inner(
     surface: Surface, points: np.ndarray, found: ClosestPoints, reach: np.ndarray
 ) -> Bool[np.ndarray, " points"]:
-    """Whether points are inside by the winding number; as jhd._triangles.winding.is_inside, and faster near the mesh.
+    """Whether points are inside by the winding number: jhd._triangles.winding.is_inside, faster near the mesh.
 
-    Without a sign all are outside.
+    If sign is "none", all are outside.
 
-    Points close to the mesh are asked for where they have been moved away from it, where they are proven to stay on
-    their side: balls with more room meet more often, so fewer winding numbers are evaluated.
+    Points close to the mesh are first moved away from it, if this is proven to keep their side. Larger balls meet
+    more often, so fewer winding numbers are evaluated.
     """
     if surface.sign == "none":
         return np.zeros(len(points), bool)
@@ -203,7 +203,7 @@ def is_inner(
     moved = points[near] + reach[near, None] * _directions(points[near] - found.foot[near])
     there = closest_points(surface.mesh, moved.astype(points.dtype))
     apart = np.linalg.norm(moved.astype(points.dtype).astype(np.float64) - points[near], axis=1)
-    # Points that may be on the mesh would be called outside.
+    # Moved points that may be on the mesh would count as outside.
     meets = _meet(apart, found.lower[near], there.lower) & (there.lower > 0)
     asked, room = points.copy(), ClosestPoints(*(x.copy() for x in found))
     asked[near[meets]] = moved[meets]
@@ -213,12 +213,12 @@ def is_inner(
 
 
 def _directions(steps: np.ndarray) -> np.ndarray:
-    """Vectors of at most unit length along others, zero where these are."""
+    """Vectors of at most unit length along others; zero vectors stay zero."""
     size = np.max(np.abs(steps), axis=1, keepdims=True)
     steps = steps / np.where(size > 0, size, 1.0)
     return steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1.0)
 
 
 def _meet(apart: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Whether balls of these radii meet, whatever rounding does."""
+    """Whether balls of these radii at distance `apart` are proven to meet despite rounding."""
     return apart * (1 + gamma(16, one.dtype)) < (one + other) * (1 - gamma(4, one.dtype))

@@ -13,12 +13,12 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 
-# The part of the tolerance of a field that its mesh may take: the triangles are then about as many as the cells.
+# Fraction of the tolerance of a field for its mesh, which gives about as many triangles as cells.
 MESH_SHARE = 0.25
 
 
 def meshed(shape: Any, tolerance: float, sign: str = "none") -> tuple[Any, float]:
-    """The mesh of a curved surface and its deviation, at most MESH_SHARE of tolerance; any other shape as it is, and 0.
+    """The mesh of a curved surface and its deviation, at most MESH_SHARE * tolerance; any other shape and 0.
 
     Closed meshes are turned so that they face outward: a polynomial may be negative or positive inside.
 

@@ -11,7 +11,7 @@ CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
 def children(cells: Int[np.ndarray, "cells 3"]) -> Int[np.ndarray, "children 3"]:
-    """The eight parts of each cell, numbers 2 i and 2 i + 1 along each axis; those of one cell together."""
+    """The eight parts of each cell i, with numbers 2 i and 2 i + 1 along each axis; parts of a cell are adjacent."""
     return (2 * cells[:, None, :] + CORNERS.astype(cells.dtype)).reshape(-1, 3)
 
 
@@ -19,13 +19,13 @@ def squared_distances(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[A
     """Smallest and largest squared distance of a point of box a from a point of box b; boxes broadcast.
 
     With s = max(a.lower - b.upper, b.lower - a.upper) and r = min(the same two) in each coordinate, the smallest is the
-    sum of max(s, 0)^2 and the largest that of r^2 (r <= 0 where the boxes are not empty). All terms are positive, so
+    sum of max(s, 0)^2 and the largest the sum of r^2 (r <= 0 if the boxes are not empty). All terms are positive, so
     each computed number is off by a factor of at most five roundings: one for the difference, which is squared, one for
     the square, two for the sum. Integers below 2^24 (2^53) are exact in single (double) precision.
 
     Args:
         a: lower and upper corners, the three coordinates in front: arrays (3, ...).
-        b: the same.
+        b: lower and upper corners, arrays (3, ...).
 
     Source: Interval arithmetic on the squared distance, AlgSurf, section 2, step 4.
     """
@@ -42,12 +42,12 @@ def squared_vertex_distances(a: tuple[Array, Array], b: tuple[Array, Array]) -> 
     """Smallest and largest squared distance of a vertex of box a from a vertex of box b, of 64; boxes broadcast.
 
     The differences along each axis take four values, whichever they are along the others, so the extremes add up. The
-    largest is that of `squared_distances`. The smallest is larger where the boxes overlap along an axis and share no
-    end there, and then it is no bound of the distances of their points.
+    largest equals the largest of `squared_distances`. The smallest is larger if the boxes overlap along an axis and
+    have no common end there; then it is no bound of the distances of their points.
 
     Args:
         a: lower and upper corners, the three coordinates in front: arrays (3, ...).
-        b: the same.
+        b: lower and upper corners, arrays (3, ...).
 
     Source: AlgSurf, section 2, step 4, the second way.
     """

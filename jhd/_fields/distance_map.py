@@ -31,20 +31,20 @@ from jhd._shapes.as_shape import ShapeLike
 from jhd._shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd._shapes.checks import Numbers
 
-# Pixels on the side of a tile: of 16, 32, 64 the fastest on a CPU, whose cache holds what a tile needs.
+# Pixels on the side of a tile: of 16, 32, 64 the fastest on a CPU, whose cache holds the data of a tile.
 _TILE = 32
 # Tiles of one call of the compiled function, and pairs of a tile and an arc kept at once; tens of megabytes.
 _TILES, _PAIRS = 4096, 2**20
-# Tiles that a GPU works on side by side; a CPU takes one after the other.
+# Tiles that a GPU processes in parallel; a CPU takes one after the other.
 _BATCH = 256
 # The deviation of biarcs made for a map, as a fraction of the pixel's smaller side.
 _SHARE = 1 / 8
 # Shorter chords count as points: their curvature squared must not overflow, in single precision either.
 _SHORT = 2.0**-60
-# What one distance errs by, in roundings of the largest coordinate: see _distance.
+# Error of one distance, in roundings of the largest coordinate: see _distance.
 _ROUNDINGS = 2048
 
-# Squares, and two arrays about the arcs that each must meet.
+# Squares, the square of each candidate arc, and the arcs.
 _Tiles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -118,6 +118,7 @@ class DistanceMap(eqx.Module):
 
 @compiled
 def _enclosed(field: DistanceMap, x: Array) -> Interval:
+    """Proven range of the distance at points x (..., 2), from the distance of their pixel and its 1-Lipschitz bound."""
     index = jnp.clip(jnp.floor((x - field.lower) / field.spacing), 0, jnp.array(field.distance.shape) - 1)
     center = field.lower + (index + 0.5) * field.spacing
     slip = rounding.absolute_error(8, jnp.abs(x) + jnp.abs(center) + jnp.abs(field.lower))
@@ -223,7 +224,7 @@ def _checked_arcs(curve: Any, tolerance: Numbers | None, pixel: float) -> BiarcC
 
 
 def _rounded_up(x: float, dtype: Any) -> np.ndarray:
-    """A positive sum of three in this precision, above what it would be without rounding."""
+    """A positive sum of three numbers, rounded up in this precision to at least the exact sum."""
     above = np.asarray(x * (1 + rounding.gamma(4, np.float64)), dtype)
     return np.asarray(np.nextafter(above, np.asarray(np.inf, dtype)))
 
@@ -275,7 +276,7 @@ def _distance(xp: Any, arc: Any, x: Any, y: Any) -> Any:
 
         | |x - o| - 1 / |k| | = |d.(p + e)| / (1 + |p|),
 
-    the distance where x is in the arc's wedge: beyond its start, e x d >= 0, before its end, f x (x - B) <= 0, and on
+    the distance if x is in the arc's wedge: beyond its start, e x d >= 0, before its end, f x (x - B) <= 0, and on
     its side of the center, p.(e + f) >= 0. Elsewhere it is the distance to the nearer end.
 
     Rounding, in local coordinates, which are at most one, so |d| <= 3, with u the unit roundoff and sweeps up to 107
@@ -323,7 +324,7 @@ def _bucket(count: int) -> int:
 def _tiles_evaluated(
     tile: int, batch: int, step: Array, places: list[Array], rows: Array, index: Array
 ) -> tuple[Array, Array]:
-    """Distances and nearest arcs (tiles, tile, tile) of tiles given by place, first pair and number of pairs."""
+    """Distances and nearest arcs (tiles, tile, tile) of tiles given by position, first pair and number of pairs."""
     inner = jnp.arange(tile)
 
     def one(place: list[Array]) -> tuple[Array, Array]:
@@ -344,7 +345,7 @@ def _tiles_evaluated(
 def _batches(
     table: np.ndarray, step: np.ndarray, tiles: list[int], tile: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Tiles with the number of arcs that each must meet, and these, in ascending order; depth first by a quadtree."""
+    """Batches of tiles, the number of candidate arcs of each, and the arcs in ascending order; depth first."""
     depth = max((n - 1).bit_length() for n in tiles)
     arcs = np.arange(table.shape[1], dtype=np.int32)
     waiting = [(depth, np.zeros((1, 2), int), np.zeros(len(arcs), int), arcs)]
@@ -374,10 +375,10 @@ def _quartered(
     side: int,
     most: list[int],
 ) -> _Tiles:
-    """The quarters, of `side` pixels, of squares, and which arcs may be nearest in each.
+    """The quarters of squares, of `side` pixels, and the arcs that may be nearest in each.
 
-    Distances change over a square by at most the distance from its center, so an arc that is farther from the center
-    than the nearest arc by more than the diagonal is nowhere the nearest.
+    Distances change over a square by at most the distance from its center. So an arc that is farther from the center
+    than the nearest arc by more than the diagonal is nowhere the nearest arc.
     """
     quarters = 2 * squares[:, None] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
     there = np.all(quarters < most, axis=-1)

@@ -37,7 +37,7 @@ from jhd._runtime.compiled import compiled
 from jhd._shapes.checks import Numbers
 
 METHODS = ("exact", "vector_propagation")
-# Offsets looked at between two tests for the end.
+# Offsets between two tests for the end.
 _UNROLLED = 4
 # Grids with no longer side are padded to cubes, which takes milliseconds; another compilation takes a second.
 _CUBE = 64
@@ -162,7 +162,7 @@ def _in_unit(distance: Array, power: int) -> Array:
 
 
 def _nearest(grid: Any, sides: Array, equal: bool, method: str) -> Array:
-    """Indices of the nearest features, (..., axes); -1 where there is none."""
+    """Indices of the nearest features, (..., axes); -1 if the grid has no feature."""
     axes, shape = grid.ndim, (1,) * (3 - grid.ndim) + grid.shape
     volume = grid.reshape(shape)
     sides = lax.stop_gradient(jnp.concatenate([jnp.ones(3 - axes, sides.dtype), sides]))
@@ -232,7 +232,7 @@ def _along_lines(volume: Array) -> tuple[Array, Array]:
 
 
 def _offsets(count: Array, step: Any, best: Any, limits: Any) -> Any:
-    """Looks at offsets 1, 2, ... until `limits` says that no larger one can improve anything.
+    """Apply `step` to offsets 1, 2, ... as long as a larger offset can improve the result.
 
     Args:
         count: offsets there are, at most.
@@ -279,6 +279,7 @@ def _integer_plane(key: Array, bits: int, count: Array) -> Array:
 
 @partial(compiled, level=None)
 def _by_integers(volume: Array, counts: Array) -> Array:
+    """Indices of the nearest features on a grid of equal sides, axis by axis, by keys of squared distance and index."""
     bits = _bits(volume.shape) or 0
     index, found = _along_lines(volume)
     z = index
@@ -299,7 +300,7 @@ def _by_integers(volume: Array, counts: Array) -> Array:
 
 
 def _traced_back(x: Array, y: Array, z: Array, found: Array) -> Array:
-    """Indices of the features, from the index along the first axis, and those along the others before it was taken."""
+    """Indices of the features, from the index along x and the tables of indices along y and z."""
     places = [lax.broadcasted_iota(jnp.int32, x.shape, axis) for axis in range(3)]
     row = y[x, places[1], places[2]]
     index = jnp.stack([x, row, z[x, row, places[2]]], axis=-1)
@@ -307,7 +308,7 @@ def _traced_back(x: Array, y: Array, z: Array, found: Array) -> Array:
 
 
 def _number_plane(value: Array, count: Array, side: Array) -> tuple[Array, Array]:
-    """The minimum over j of value[j] + (side (i - j))^2 and where it is, for the first `count` rows i of a plane."""
+    """The minimum over j of value[j] + (side (i - j))^2 and its index j, for the first `count` rows i of a plane."""
     n = value.shape[0]
     padded = jnp.pad(value, ((n, n), (0, 0)), constant_values=jnp.inf)
     rows = lax.broadcasted_iota(jnp.int32, value.shape, 0)
@@ -332,6 +333,7 @@ def _number_plane(value: Array, count: Array, side: Array) -> tuple[Array, Array
 
 @partial(compiled, level=None)
 def _by_numbers(volume: Array, counts: Array, sides: Array) -> Array:
+    """Indices of the nearest features on a grid of any sides, axis by axis, by squared distances in floating point."""
     sides = sides / power_of_two(jnp.max(sides))
     z, found = _along_lines(volume)
     places = lax.broadcasted_iota(jnp.int32, z.shape, 2)
@@ -366,7 +368,7 @@ def _around(x: Array, axis: int) -> list[Array]:
 
 
 def _scanned(offer: Callable[[Array, Array, Array], Array], here: Array, places: Array, back: bool) -> Array:
-    """Each of the first axis in turn: offer(here, the one before when it was done, place) -> better."""
+    """Scan along the first axis: each entry becomes offer(entry, finished entry before it, place)."""
 
     def step(before: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
         best = offer(now[0], before, now[1])
@@ -382,7 +384,7 @@ def _propagated(volume: Array, sides: Array) -> Array:
 
     In the forward pass a voxel is offered the nine next to it in the plane k + 1, the three in the row i - 1, then
     j - 1; going back along the row, j + 1. Then rows go the other way: three in the row i + 1 and j + 1, then j - 1.
-    The backward pass does the same with all signs turned.
+    The backward pass repeats this with all signs changed.
     """
     squares = (sides / power_of_two(jnp.max(sides))) ** 2
     nearer = partial(_nearer, squares=squares)

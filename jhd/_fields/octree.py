@@ -33,17 +33,17 @@ from jhd._shapes.checks import empty_surface
 from jhd._shapes.implicit import ImplicitSurface, check_surface
 from jhd.progress import Callback, Progress
 
-# Numbers in one array of forms: what fits into the cache of a core; and most cells in one.
+# Numbers in one array of forms, which fit into the cache of a core; and most cells in one array.
 _NUMBERS, _MOST = 1 << 19, 4096
 # Chunks between two reports, which hold some tenths of a second.
 _CHUNKS = 64
-# Bytes for each of the cells that are kept, as measured on twenty million of them.
+# Bytes for each cell that is kept, as measured on twenty million cells.
 _BYTES = 70
 # Most multiplications of integers for the signs of corners, some seconds.
 _EXACT = 10_000_000
 # Rounds of the search for a point of the other sign; the first looks at the corners, edges, faces and the center.
 _ROUNDS = 7
-# Three places of corners fit into 63 bits.
+# Three coordinates of a corner fit into 63 bits.
 _LARGEST = (1 << 20) + 1
 
 
@@ -160,7 +160,7 @@ class _VoxelGrid(NamedTuple):
 
     @property
     def chunk(self) -> int:
-        """Number of cells that are worked on at once."""
+        """Number of cells in one batch."""
         return min(_MOST, 1 << max(8, (_NUMBERS // self.coefficients.size).bit_length() - 1))
 
     def place(self, level: int) -> tuple[Array, Array]:
@@ -187,14 +187,14 @@ def _grid(surface: ImplicitSurface, cells: int) -> _VoxelGrid:
 
 
 def _descend(grid: _VoxelGrid, ranges: str, progress: Callback | None) -> np.ndarray:
-    """The cells that are left on the last level."""
+    """The cells of the last level that a range of the polynomial cannot exclude."""
     kept, tested = np.zeros((1, 3), np.int32), 0
     for level in range(grid.levels + 1):
         place, left = grid.place(level), []
-        # Of a surface four of the eight children are left.
+        # For a surface, about four of the eight children are left.
         work = f"level {level} of {grid.levels} of {grid.cells} cells along an axis would take about"
         check_memory(_BYTES * 4 * len(kept), work, "fewer cells take less")
-        # Where cells is not a power of two, boxes of the tree may lie outside of the grid.
+        # If cells is not a power of two, boxes of the tree may lie outside of the grid.
         last = (grid.cells - 1) >> (grid.levels - level)
         for boxes in _batches(kept, grid.chunk * _CHUNKS, level > 0):
             boxes = boxes[np.all(boxes <= last, axis=1)]
@@ -211,7 +211,7 @@ def _descend(grid: _VoxelGrid, ranges: str, progress: Callback | None) -> np.nda
 
 
 def _batches(cells: np.ndarray, most: int, halved: bool) -> Iterator[np.ndarray]:
-    """The cells, or their children, at most so many at a time."""
+    """Batches of the cells, or of their children if `halved`, of at most `most` rows."""
     step = most // 8 if halved else most
     for first in range(0, len(cells), step):
         part = cells[first : first + step]
@@ -239,14 +239,14 @@ def _may_vanish_of(coefficients: Array, cells: Array, origin: Array, h: Array, r
 
 
 def _signs_of(coefficients: Array, cells: Array, origin: Array, h: Array) -> tuple[Array, Array]:
-    """Which corners are proven to be positive, and which negative: arrays (8, cells)."""
+    """Masks (8, cells) of the corners proven to be positive, and of the corners proven to be negative."""
     center = origin + 2 * h * cells
     values = trivariate.corner_values(coefficients, center, jnp.broadcast_to(h, center.shape))
     return values.lower > 0, values.upper < 0
 
 
 def _opposite_of(coefficients: Array, cells: Array, origin: Array, h: Array, sign: Array) -> Array:
-    """Whether a point is found in each cell at which the polynomial is proven to have the opposite sign.
+    """Whether each cell has a found point at which the polynomial is proven to have the opposite sign.
 
     A pattern search on the quadratic part of the local form, in steps that are powers of two, so that the point is
     exactly in the cell.
@@ -276,7 +276,7 @@ _opposite = optimized(_opposite_of)
 
 
 def _proven(grid: _VoxelGrid, cells: np.ndarray) -> np.ndarray:
-    """Which cells are proven to hold a zero."""
+    """Mask of the cells proven to hold a zero."""
     place = grid.place(grid.levels)
     signs = [_signs(grid.coefficients, part, *place) for part in _chunks(cells, grid.chunk)]
     positive, negative = (_joined([pair[i] for pair in signs], len(cells)) for i in (0, 1))
@@ -290,7 +290,7 @@ def _proven(grid: _VoxelGrid, cells: np.ndarray) -> np.ndarray:
     sign = np.where(above[left], 1.0, -1.0)[:, None]
     parts = zip(_chunks(cells[left], grid.chunk), _chunks(sign, grid.chunk), strict=True)
     found = [_opposite(grid.coefficients, part, *place, jnp.asarray(s[0], float)) for part, s in parts]
-    # Where no sign is known at all, a point of one sign proves nothing.
+    # If no sign is known at all, a point of one sign proves nothing.
     proven[left] = _joined(found, len(left)) & (above | below)[left]
     return proven
 
@@ -298,7 +298,7 @@ def _proven(grid: _VoxelGrid, cells: np.ndarray) -> np.ndarray:
 def _exact_signs(
     grid: _VoxelGrid, cells: np.ndarray, open_corners: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """For each corner the indices of the cells where its sign is open, and the signs there, in exact arithmetic.
+    """For each of the eight corners, the indices of cells with an open sign, and these signs in exact arithmetic.
 
     Corners beyond the largest amount of work are left out.
     """

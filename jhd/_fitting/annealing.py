@@ -1,4 +1,4 @@
-"""From a far start toward the least Hausdorff distance: smooth losses first, with a temperature that falls.
+"""Annealing from a far start toward the least Hausdorff distance: smooth losses with a falling temperature.
 
 At each temperature steps of BFGS lower `soft_hausdorff`, whose gradient is dense; the next, lower temperature continues
 at their end. The result is a start for a minimax fit, which needs no temperature.
@@ -17,9 +17,9 @@ from jhd._runtime.clock import Clock
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import check_curve
 
-# Each temperature is this share of the one before, so many in all: the last is a fiftieth of the first.
+# Factor from one temperature to the next, and number of temperatures: the last is a fiftieth of the first.
 _COOLING, _TEMPERATURES = 0.27, 4
-# Steps at each.
+# Steps at each temperature.
 _STEPS = 15
 
 
@@ -31,15 +31,15 @@ def annealing(
     scales: Callable[[Any], Any],
     clock: Clock,
 ) -> Callable[[Any], Any]:
-    """From parameters, a vector, to those from which a fit of build(parameters) to the target goes on.
+    """A function from a start vector of parameters to a better start for a fit of build(parameters) to the target.
 
     Args:
-        temperature: the first one, a length; None leaves the parameters as they are.
-        statistic: what the fit makes least.
-        build: from a vector to a curve.
+        temperature: the first temperature, a length; None returns the parameters unchanged.
+        statistic: the statistic that the fit minimizes.
+        build: takes a vector of parameters and returns a curve.
         target: a curve.
-        scales: of parameters, the change of each that moves the curve by about one unit of length.
-        clock: ends it.
+        scales: takes parameters; returns the change of each that moves the curve by about one unit of length.
+        clock: ends the search.
 
     Raises:
         TypeError: a target that is no curve.

@@ -1,8 +1,8 @@
 """Minimizing a Hausdorff distance if only the largest maximum of each direction is known: a bundle method.
 
-Each evaluation gives two cuts, the value and the gradient of both directed distances. The cuts of all places nearby
+Each evaluation gives two cuts, the value and the gradient of both directed distances. The cuts of all parameters nearby
 make a piecewise linear model, whose least point within a trust region is tried next. One gradient alone says little at
-the optimum, where several maxima are equal; a convex combination of those nearby vanishes there.
+the optimum, at which several maxima are equal; a convex combination of nearby gradients vanishes there.
 
 Source: bundle methods with trust regions are in Kiwiel, Methods of Descent for Nondifferentiable Optimization (1985).
 """
@@ -25,25 +25,25 @@ from jhd._shapes.mesh import TriangleMesh
 
 Target = ImplicitSurface | TriangleMesh
 
-# Bounds of an evaluation, relative to the distance.
+# Relative accuracy of an evaluation.
 _ACCURACY = 1e-6
-# First radius: this share of the size, or so many times the distance where that is less; the last one, as a share.
+# First radius: this fraction of the size or this many distances, the smaller one; last radius, as a fraction.
 _RADIUS, _DISTANCES, _LEAST = 0.1, 3.0, 1e-6
-# A step is taken from this share of the promised gain on; the cuts that count lie within so many radii of the place; a
-# radius grows by this factor after a step that was taken.
+# Least fraction of the promised gain to take a step; radii within which all cuts count, and within which only the
+# nearest count; growth of the radius after a step that was taken.
 _TAKEN, _NEARBY, _AROUND, _GROWTH = 0.1, 3.0, 30.0, 2.0
-# Promised gains below this share of the distance are none; they are of the order of what evaluations leave open.
+# Promised gains below this fraction of the distance do not count; they are of the order of the errors of evaluations.
 _NO_GAIN = 4 * _ACCURACY
-# Gradients that cancel to this share of the longest belong to a stationary point.
+# A point is stationary if its gradients cancel to this fraction of the longest gradient.
 STATIONARY = 0.05
 # Most cuts of a model; the latest ones count.
 _CUTS = 80
-# Cells along each axis whose centers tell how far parameters move a surface, and most numbers for that of a mesh.
+# Cells along each axis whose centers show how far parameters move a surface, and most numbers for a mesh.
 _CELLS, _NUMBERS = 16, 10_000_000
 
 
 class Cut(NamedTuple):
-    """A directed distance at a place, to first order."""
+    """A directed distance at a vector of parameters, to first order."""
 
     parameters: Any
     value: float
@@ -51,7 +51,7 @@ class Cut(NamedTuple):
 
 
 class Evaluated(NamedTuple):
-    """A place, its shape, both directed distances, and the larger one."""
+    """Parameters with their shape, both directed distances and cuts."""
 
     parameters: Any
     shape: Target
@@ -65,7 +65,7 @@ class Evaluated(NamedTuple):
 
 
 class Bundled(NamedTuple):
-    """The end of an iteration; multipliers are those of both directions."""
+    """The end of an iteration, with a multiplier for each direction."""
 
     point: Evaluated
     optimality: float
@@ -76,7 +76,7 @@ class Bundled(NamedTuple):
 
 
 class _Model(NamedTuple):
-    """Cuts about a place: their heights there, none above the distance, and their gradients."""
+    """Cuts near a point: their heights at it, none above the distance, and their gradients."""
 
     height: Any
     gradient: Any
@@ -91,16 +91,16 @@ def minimize_by_cuts(
     report: Callable[[int, float, float], object],
     clock: Clock,
 ) -> Bundled:
-    """Steps from the parameters until no cut promises a gain, the distance is below stop_below, or the radius vanishes.
+    """Minimize until no cut promises a gain, the distance is at most stop_below, or the radius vanishes.
 
     Args:
-        build: from a vector of parameters to a surface or mesh.
-        target: the shape to be near to.
+        build: takes a vector of parameters and returns a surface or mesh.
+        target: the shape to approximate.
         parameters: the start, a vector.
         max_steps: most evaluations after the first one.
-        stop_below: a distance that is good enough.
+        stop_below: distance at which to stop.
         report: called with step, distance and optimality.
-        clock: ends it.
+        clock: ends the iteration.
     """
     low, high = target.bounds
     size = float(np.max(np.asarray(high) - np.asarray(low)))
@@ -167,10 +167,10 @@ def evaluated(build: Callable[[Any], Target], target: Target, parameters: Any, c
 
 
 def _model(point: Evaluated, cuts: list[Cut], scale: Any, radius: float) -> _Model:
-    """The cuts nearby; one that lies above the distance here, which is not convex, is lowered to it."""
+    """The model of nearby cuts; cuts above the distance at the point, as it is not convex, are lowered to it."""
     others = [cut for cut in cuts if cut.parameters is not point.parameters]
     apart = np.array([np.max(np.abs((cut.parameters - point.parameters) / scale)) for cut in others])
-    # A gradient vanishes in a combination of one more than there are parameters.
+    # A convex combination of at most one more gradients than parameters vanishes at an optimum.
     count = max(
         int(np.sum(apart <= _NEARBY * radius)), min(2 * (len(scale) + 1), int(np.sum(apart <= _AROUND * radius)))
     )
@@ -181,7 +181,7 @@ def _model(point: Evaluated, cuts: list[Cut], scale: Any, radius: float) -> _Mod
 
 
 def _stationarity(point: Evaluated, cuts: list[Cut], scale: Any, radius: float) -> tuple[float, Any]:
-    """The length of the best convex combination of gradients nearby, and the shares of both directions here."""
+    """Length of the best convex combination of nearby gradients, and multipliers of both directions at the point."""
     model = _model(point, cuts, scale, radius)
     price = 10 * (point.value - model.height) / (point.value or 1.0)
     mu = multipliers(model.gradient * scale, price)
@@ -191,7 +191,7 @@ def _stationarity(point: Evaluated, cuts: list[Cut], scale: Any, radius: float) 
 
 
 def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
-    """The change of each parameter that moves what it moves of the shape by about one unit of length."""
+    """The change of each parameter that moves the part of the shape that depends on it by about one unit of length."""
     start = jnp.asarray(parameters)
     shape = build(start)
     if not isinstance(shape, Target):

@@ -18,23 +18,23 @@ from jhd._distance.normalization.jets import polynomial_jet
 from jhd._fitting.sampled import CurvePlaces, SampledCurve, lengths_of
 from jhd._shapes.curve import BezierSegments
 
-# Samples of each segment of the target at most, and of all of it about so many unless it has more segments.
+# Most samples of each segment of the target, and about the number of all samples unless there are more segments.
 _SAMPLES, _ALL = 64, 1 << 13
-# Rounds of least squares with new feet, and samples of the chain, for each segment, that they are looked for among.
+# Rounds of least squares with new feet, and samples of each segment of the chain from which feet are searched.
 _ROUNDS, _SEEDS = 4, 64
-# Joints of the target that turn by more than this angle (radians) are corners; where corners are nearer to each other
-# than matters those that turn by more than this second one at the scale that does.
+# Joints of the target that turn by more than the first angle (radians) are corners. If corners are closer than the
+# reach, joints count that turn by more than the second angle at the scale of the reach.
 _CORNER, _BLUNT = 0.2, 0.8
 
 FloatArray = Any
 
 
 class Chain(eqx.Module):
-    """Builds segments, each starting where the last one ended: control points = base + matrix @ free points.
+    """Segments, each starting at the end of the last one: control points = base + matrix @ free points.
 
     Args:
         base: the part that is fixed.
-        matrix: what each free point adds, alike in all coordinates.
+        matrix: factor of each free point in each control point, equal in all coordinates.
         next_segment: for each segment the next one, -1 at a free end.
     """
 
@@ -49,7 +49,7 @@ class Chain(eqx.Module):
 
 
 class Layout(NamedTuple):
-    """What a chain is to look like: number of segments and degree, and what is held."""
+    """Requested form of a chain: degree, number of segments, and constraints."""
 
     degree: int
     segments: int
@@ -86,7 +86,7 @@ def chain(layout: Layout, ends: FloatArray, ratios: FloatArray) -> Chain:
 
 
 def samples(target: BezierSegments) -> tuple[FloatArray, FloatArray]:
-    """Points of a connected target, evenly spaced, and how far along it each is, from 0 to 1."""
+    """Points of a connected target, evenly spaced, and the fraction of its length before each."""
     t, along, _ = _lengths(target)
     even = np.linspace(0.0, 1.0, min(len(t), _ALL + 1))
     return _points_at(target, np.interp(even, along, t)), even
@@ -106,7 +106,7 @@ def _each(target: BezierSegments) -> int:
 
 
 def _lengths(target: BezierSegments) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Parameters of samples, the share of the length before each, and the points."""
+    """Parameters of samples, the fraction of the length before each, and the points."""
     t = np.linspace(0.0, target.count, _each(target) * target.count + 1)
     points = _points_at(target, t)
     steps = np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
@@ -115,10 +115,10 @@ def _lengths(target: BezierSegments) -> tuple[FloatArray, FloatArray, FloatArray
 
 
 def divided(target: BezierSegments, segments: int) -> FloatArray:
-    """Where `segments` pieces begin and end along a connected target: at its corners, and evenly between them.
+    """Ends of `segments` pieces of a connected target, as fractions of its length: corners, and evenly between them.
 
-    Where there are more corners than pieces those count that show at the scale of half a piece; where these are too
-    many as well the pieces have equal lengths.
+    If there are more corners than pieces, only corners at the scale of half a piece count. If these are too many as
+    well, the pieces have equal lengths.
     """
     along = _lengths(target)[1]
     corners = 1 + np.flatnonzero(turns(target)[:-1])
@@ -135,10 +135,10 @@ def divided(target: BezierSegments, segments: int) -> FloatArray:
 
 
 def turns(target: BezierSegments, reach: float = 0.0) -> FloatArray:
-    """Whether there is a corner where each segment of a connected target goes on to the next, the last to the first.
+    """Whether a connected target has a corner between each segment and the next (the last and the first).
 
-    Corners that are nearer to each other than the reach, a share of the length, on average are noise: then those are
-    corners that turn between the parts within the reach before and after, the sharpest ones there.
+    If corners are on average closer than the reach, a fraction of the length, they are noise. Then the corners are
+    the sharpest turns between the parts within the reach before and after a joint.
     """
     ends = np.asarray(target.control_points)
     next_segment = np.roll(ends, -1, axis=0)
@@ -165,10 +165,10 @@ def _cosine(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _turned_within(target: BezierSegments, reach: float) -> FloatArray:
-    """At each joint the cosine of the angle between the parts of some reach before and after it.
+    """The cosine of the angle at each joint between the parts within the reach before and after it.
 
-    The direction of a part leads from the center of its first half to that of its second one. At the ends of an open
-    target it is one.
+    The direction of a part leads from the center of its first half to the center of its second half. The cosine is
+    one at the ends of an open target.
     """
     _, along, points = _lengths(target)
     middles = 0.5 * (points[1:] + points[:-1]) * np.diff(along)[:, None]
@@ -191,14 +191,14 @@ def longest_pieces(
 ) -> tuple[FloatArray, FloatArray]:
     """Joints along a connected target, in [0, 1], and segments (pieces, points, dim) between them by least squares.
 
-    Each piece has the ends of its part of the target and is as long as it can be, found by halving, where samples of
-    the part are within the tolerance of their feet; corners are joints.
+    Each piece has the ends of its part of the target. It is as long as possible, found by halving, with samples of
+    the part within the tolerance of their feet. Corners are joints.
 
     Args:
         target: the target.
-        degree: of the pieces.
-        tolerance: for the samples.
-        reach: corners nearer to each other than this share of the length are noise, see turns.
+        degree: degree of the pieces.
+        tolerance: largest distance of the samples.
+        reach: corners closer than this fraction of the length are noise, see turns.
     """
     _, along, points = _lengths(target)
     stops = np.append(np.flatnonzero(turns(target, reach)[:-1]) + 1, target.count) * _each(target)
@@ -217,7 +217,7 @@ def longest_pieces(
 
 
 def _piece(points: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
-    """The Bezier segment from the first to the last of the points nearest to them by least squares, and how far off."""
+    """The least-squares Bezier segment from the first to the last point, and its distance from each point."""
     along = np.append(0.0, np.cumsum(np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))))
     t = along / along[-1] if along[-1] > 0 else np.linspace(0.0, 1.0, len(points))
     fit, off = points[:1], np.zeros(len(points))
@@ -240,7 +240,7 @@ def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) ->
     Args:
         layout: the chain's sizes.
         target: connected segments in order.
-        joints: (segments + 1,) where each segment of the chain begins and ends along the target, in [0, 1].
+        joints: (segments + 1,) ends of the segments of the chain along the target, in [0, 1].
     """
     points, along = samples(target)
     lengths = np.diff(joints)
@@ -263,13 +263,13 @@ def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) ->
 
 
 def points_of(build: Chain, control_points: FloatArray) -> FloatArray:
-    """The free points that give these control points."""
+    """The free points for which the chain has these control points."""
     matrix = np.asarray(build.matrix).reshape(-1, build.matrix.shape[-1])
     return np.linalg.lstsq(matrix, control_points.reshape(len(matrix), -1), rcond=None)[0]
 
 
 def from_a_corner(contour: BezierSegments, reach: float) -> BezierSegments:
-    """A closed contour beginning at its first corner; any other as it is."""
+    """A closed contour starting at its first corner; an open contour unchanged."""
     corners = np.flatnonzero(turns(contour, reach))
     if np.asarray(contour.next_segment)[-1] != 0 or len(corners) == 0:
         return contour

@@ -14,20 +14,20 @@ import numpy as np
 from jhd._results.solution import RESULTS
 from jhd._runtime.clock import Clock, OutOfTimeError
 
-# A step gains this share of what the slope promises, and leaves at most this share of the slope.
+# Least fraction of the gain promised by the slope, and largest fraction of the slope that a step may leave.
 _GAIN, _SLOPE = 1e-4, 0.9
-# First step as a share of the size; halvings and doublings of one step at most.
+# First step as a fraction of the size; most halvings and doublings of one step.
 _FIRST, _SEARCHED = 0.02, 25
-# Steps that gain less than this share of the value, so many in a row, end it.
+# The iteration ends after _IN_A_ROW steps that gain less than this fraction of the value.
 _LEAST, _IN_A_ROW = 1e-9, 3
-# A value of so many roundings of the size is none: what is left of the distances of a copy has no slope.
+# Values within this many roundings of the size count as zero: remaining distances to a copy have no slope.
 _ROUNDINGS = 64
-# A gradient this much shorter than the first one is none.
+# A gradient shorter than this fraction of the first one counts as zero.
 _STATIONARY = 1e-9
 
 
 class Lowered(NamedTuple):
-    """A place, its value and gradient, in the parameters."""
+    """Parameters with the value and the gradient there."""
 
     parameters: Any
     value: float
@@ -53,16 +53,16 @@ def descend(
     clock: Clock,
     report: Callable[[int, float, float], object],
 ) -> Descended:
-    """Steps from the parameters until the value is stationary, below stop_below, or nothing is gained.
+    """Minimize from the parameters until the value is stationary, below stop_below, or steps gain nothing.
 
     Args:
-        function: of a vector, differentiable, not under jit.
+        function: a differentiable function of a vector, called outside jit.
         parameters: the start, a vector.
         scale: the change of each parameter that moves the shape by about one unit of length.
-        size: of the shapes, in that unit.
+        size: size of the shapes.
         max_steps: most steps.
-        stop_below: a value that is good enough.
-        clock: ends it.
+        stop_below: value at which to stop.
+        clock: ends the iteration.
         report: called with step, value and length of the gradient.
     """
     counts = {"steps": 0, "newton_steps": 0, "evaluations": 0}
@@ -80,7 +80,7 @@ def descend(
     enough = max(stop_below, _ROUNDINGS * float(np.finfo(point.gradient.dtype).eps) * size)
     slope = point.gradient * scale
     first = float(np.linalg.norm(slope))
-    # Of the inverse of the second derivatives, in scaled parameters.
+    # The estimate of the inverse Hessian, in scaled parameters.
     inverse = np.eye(len(slope)) * (_FIRST * size / (np.max(np.abs(slope)) or 1.0))
     report(0, point.value, float(np.linalg.norm(point.gradient)))
     try:
@@ -106,7 +106,7 @@ def descend(
 
 
 def _searched(at: Callable[[Any], Lowered], point: Lowered, scale: Any, direction: Any) -> Lowered | None:
-    """A place along the direction, in scaled parameters, with a sufficient gain and, if it can be, a flatter slope."""
+    """A point along the direction, in scaled parameters, with sufficient gain and, if possible, a flatter slope."""
     slope = float(direction @ (point.gradient * scale))
     if not slope < 0:
         return None

@@ -21,16 +21,16 @@ from jhd._distance.nearest.feet import by_normal, dot, stands_still, stays
 from jhd._distance.normalization.jets import CurveJet, polynomial_jet, quotient
 from jhd._results.solution import DIRECTIONS, EVENTS, CriticalPairs
 
-# Singular values below this share of the largest are none: where they vanish nothing moves.
+# Singular values below this fraction of the largest count as zero: nothing moves along these directions.
 _SINGULAR = 1e-12
-# Curvatures below this share of the largest are rounding.
+# Curvatures below this fraction of the largest are rounding.
 _FLAT = 1e-14
 
 FloatArray = Any  # np.ndarray of floats; NumPy's own generic alias says no more
 
 
 class Moving(NamedTuple):
-    """A curve with its derivatives in the parameters, in homogeneous form where it has weights.
+    """A curve with its derivatives in the parameters, in homogeneous form if it has weights.
 
     Args:
         points: (segments, points, width), the coordinates, times the weights and followed by them if there are any.
@@ -109,7 +109,7 @@ class _MovingJets(NamedTuple):
 
 
 class _PairPlaces(NamedTuple):
-    """Where some pairs are: those parts of a witness that say it."""
+    """Locations of some pairs: the fields of a witness that give them."""
 
     element: FloatArray
     t: FloatArray
@@ -119,7 +119,7 @@ class _PairPlaces(NamedTuple):
 
 
 class _MovingFeet(NamedTuple):
-    """One foot of each pair: where they are, the units from there, whether held, the multipliers."""
+    """One foot of each pair: location, derivatives, unit vector to the point, whether it is held, and multiplier."""
 
     segment: FloatArray
     jets: _MovingJets
@@ -137,7 +137,7 @@ def expand(pairs: CriticalPairs, fixed: Moving, moving: Moving, least: float) ->
     turned = directions == int(DIRECTIONS.b_to_a._value)
     two = np.min(np.asarray(pairs.witness.multipliers)[keep], axis=-1) > 0
     count = 0 if moving.tangent is None else moving.tangent.shape[-1]
-    # Those of two feet are the most.
+    # Pairs with two feet have the most unknowns.
     unknowns = _unknowns(2, moving.points.shape[-1] - moving.rational) + 4 * moving.rational
     found = Expansion(
         values[keep],
@@ -165,7 +165,7 @@ def _fill(
     ends: FloatArray,
     count: int,
 ) -> None:
-    """Fills rows of an expansion by the pairs of one direction with so many feet."""
+    """Fill rows of an expansion from the pairs of one direction with `count` feet."""
     parameters, (carrier, other) = found.gradient.shape[-1], reversed(curves) if turned else curves
     x = _jets(carrier, at.element, at.t, parameters)
     feet = []
@@ -189,6 +189,7 @@ def _fill(
 
 
 def _jets(curve: Moving, segment: FloatArray, t: FloatArray, count: int) -> _MovingJets:
+    """Points of a curve at parameters t of segments, with derivatives in t, `count` parameters and control points."""
     points = curve.points[segment]
     values = basis(points.shape[1] - 1, t)[:, :, None, None]
     jet = polynomial_jet(np.moveaxis(points, 1, 0), t[:, None])
@@ -210,7 +211,7 @@ def _jets(curve: Moving, segment: FloatArray, t: FloatArray, count: int) -> _Mov
 
 
 def _directions(x: _MovingJets, y: _MovingJets, s: FloatArray, still: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors from the feet to the points, and whether the feet are held, as those are where b stands still."""
+    """Unit vectors from the feet to the points, and whether the feet are held, for example if b stands still."""
     c = x.point - y.point
     length, speed = np.sqrt(dot(c, c)), np.sqrt(dot(y.first, y.first))
     held = (speed == 0) | ((s <= 0) | (s >= 1)) & still | stays(s, dot(c, y.first), length * speed)
@@ -224,14 +225,14 @@ def _directions(x: _MovingJets, y: _MovingJets, s: FloatArray, still: FloatArray
 
 
 def _unknowns(feet: int, dim: int) -> int:
-    """A place, the feet, the directions across to each, and a multiplier less than feet."""
+    """The number of unknowns: t, the feet, dim - 1 directions across for each, and feet - 1 multipliers."""
     return 1 + feet * dim + feet - 1
 
 
 def _derivatives(
     x: _MovingJets, feet: list[_MovingFeet], held: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Gradients, and rows and cores of the Hessians; `held` says where the place on the carrier is."""
+    """Gradients, and rows and cores of the Hessians; `held` marks pairs whose t on the carrier is fixed."""
     (pairs, dim, count), some = x.tangent.shape, len(feet)
     size = _unknowns(some, dim)
     k, c, free = np.zeros((pairs, size, size)), np.zeros((pairs, size, count)), np.ones((pairs, size), bool)
@@ -268,7 +269,7 @@ def _derivatives(
 def _with_weights(
     c: FloatArray, core: FloatArray, weights: list[tuple[FloatArray, FloatArray, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Rows and cores with those of moving weights: of each a pull p, the weights' change w and a factor f of p w^T."""
+    """Rows and cores extended by moving weights, each with a pull p, a change w of weights and a factor f of p w^T."""
     size, more = core.shape[1], 2 * len(weights)
     both = np.zeros((len(core), size + more, size + more))
     both[:, :size, :size] = core

@@ -35,10 +35,10 @@ from jhd.progress import Callback, Progress
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128
-# Pieces of least squares within this many tolerances are tried first, for minimax fits are nearer by such a factor at
-# best; then each time within this fraction of the last, so many times at most.
+# Least-squares pieces within this many tolerances are tried first, as minimax fits are nearer by this factor at best;
+# factor from one try to the next, and most tries.
 _GAIN, _CLOSER, _TRIES = 4.0, 0.75, 40
-# Corners are looked for at a scale of so many tolerances.
+# Scale at which corners are searched, in tolerances.
 _CORNERS = 8.0
 # Fits of a higher degree have no fewer segments, and take minutes to compile.
 _LARGEST_DEGREE = 32
@@ -138,7 +138,7 @@ def _minimized(
     method: AbstractHausdorffMethod | None = None,
     progress: Callback | None = None,
 ) -> FitSolution:
-    """The same as `minimize_hausdorff`, within the time of a clock."""
+    """`minimize_hausdorff` within the time of a clock."""
     max_steps = whole("max_steps", max_steps, 0)
     check_scalar("stop_below", real_array("stop_below", stop_below))
     target = taken_as("target", target)
@@ -357,7 +357,7 @@ def _within(
     fit: Any = None
     reach = _reach(contour, limit)
     laid = (longest_pieces(contour, degree, _GAIN * limit * _CLOSER**k, reach) for k in range(_TRIES))
-    # Of those with as many pieces the last ones are the most even.
+    # Of several results with equally many pieces, the last is the most even.
     for count, alike in groupby(laid, key=lambda found: min(max(len(found[1]), least), most)):
         joints, pieces = list(alike)[-1]
         own = count == len(pieces)
@@ -399,7 +399,7 @@ def _capacity(count: int) -> int:
 
 
 def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: Shape) -> np.ndarray:
-    """Rows of parameters to start from."""
+    """Start parameters, one row for each start."""
     if not isinstance(starts, int):
         rows = np.stack([np.asarray(ravel_pytree(row)[0]) for row in _rows(starts)])
         if rows.shape[1:] != first.shape:

@@ -18,15 +18,15 @@ from jhd._fitting.sampled import SampledCurve, lengths_of
 from jhd._runtime.clock import Clock
 from jhd._shapes.curve import BezierSegments
 
-# Pieces at which a curve is no longer halved, and most halvings of one: parameters need the digits.
+# Most pieces of a curve, and most halvings of one piece: parameters need the digits.
 _PIECES, _HALVINGS = 1 << 15, 30
-# Halvings that are done whatever the time: some milliseconds each.
+# Halvings done regardless of the time: some milliseconds each.
 _LEAST = 8
-# The gap that is good enough, as a share of the upper bound.
+# Gap at which the bounds are final, as a fraction of the upper bound.
 _CLOSED = 1e-6
-# Samples that feet are looked for among.
+# Samples from which feet are searched.
 _SAMPLES = 1 << 13
-# Sizes whose squares are normal numbers, with room for shares of them; others get no bounds.
+# Sizes whose squares are normal numbers, also of small fractions of them; other sizes get no bounds.
 _SMALLEST, _LARGEST = 1e-100, 1e100
 # Roundings of a control point by one halving, for each degree, and of a distance in the plane or in space.
 _HALVED, _MEASURED = 4, 16
@@ -35,7 +35,7 @@ FloatArray = Any
 
 
 class HostBounds(NamedTuple):
-    """lower <= exact <= upper."""
+    """Bounds: lower <= exact value <= upper."""
 
     lower: float
     upper: float
@@ -58,7 +58,7 @@ class _HullPieces(NamedTuple):
 
 
 class _Hulled:
-    """A curve whose pieces are looked at; rounding is bounded by what its numbers are at most."""
+    """A curve to be divided into pieces; its largest number bounds the rounding."""
 
     def __init__(self, segments: BezierSegments):
         self.points, self.rational = np.asarray(segments.homogeneous, dtype=float), segments.weights is not None
@@ -66,22 +66,22 @@ class _Hulled:
         weights = self.points[..., -1] if self.rational else np.ones(1)
         self.largest = float(np.max(np.abs(self.points)) / np.min(weights))
         if self.rational:
-            # A quotient is off by what its denominator is.
+            # The relative error of the denominator adds to a quotient.
             self.largest *= 2 * float(np.max(weights) / np.min(weights))
 
     @cached_property
     def sampled(self) -> SampledCurve:
-        """The curve with samples that feet are looked for among."""
+        """The curve with samples from which feet are searched."""
         length = float(np.sum(lengths_of(self.points, self.rational)))
         spacing = length / _SAMPLES if length > 0 else 1.0
         return SampledCurve(self.points, self._following, self.rational, spacing)
 
     def affine(self, points: FloatArray) -> FloatArray:
-        """Points of homogeneous ones."""
+        """Points from homogeneous coordinates."""
         return points[..., :-1] / points[..., -1:] if self.rational else points
 
     def off(self, depth: int) -> float:
-        """What rounding may have moved control points by, after so many halvings."""
+        """Bound of the error of control points by rounding after `depth` halvings."""
         return _HALVED * (depth + 2) * (self.points.shape[1] + 1) * unit_roundoff(float) * self.largest
 
 
@@ -108,7 +108,7 @@ def _directed(a: _Hulled, b: _Hulled, clock: Clock) -> HostBounds:
         far = int(np.argmax(np.max(_distance(hull[:, [0, -1]], feet[:, None]), axis=1)))
         end = max((hull[far, k] for k in (0, -1)), key=lambda x: float(_distance(x, feet[far])))
         lower = max(lower, _from_balls(end, b) - a.off(pieces.depth))
-        # What is below may stay as it is.
+        # Pieces with a bound below this are settled.
         wanted = above > lower * (1 + _CLOSED)
         settled = max(settled, float(np.max(above[~wanted], initial=0.0)))
         count = int(np.sum(wanted))
@@ -119,7 +119,7 @@ def _directed(a: _Hulled, b: _Hulled, clock: Clock) -> HostBounds:
 
 
 def _from_balls(point: FloatArray, b: _Hulled) -> float:
-    """What the point is away from b at least."""
+    """Lower bound of the distance of the point from b."""
     pieces, nearest = _HullPieces(b.points, 0), np.inf
     while True:
         hull = b.affine(pieces.points)
@@ -131,7 +131,7 @@ def _from_balls(point: FloatArray, b: _Hulled) -> float:
         least = float(np.min(below))
         if nearest - least <= _CLOSED * _CLOSED * nearest or pieces.depth >= _HALVINGS:
             return max(least, 0.0)
-        # The piece with the least bound is one of those that are halved.
+        # The piece with the least bound is always among the halved pieces.
         near = below <= nearest + off
         if 2 * np.sum(near) > _PIECES:
             return max(least, 0.0)

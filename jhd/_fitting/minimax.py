@@ -1,8 +1,8 @@
 """Minimizing the largest of all critical pairs: a trust region with a quadratic model of each, then Newton's method.
 
 A step minimizes max_i h_i + g_i d + d H_i d / 2 in a box, over the maxima of both directions, with the convex parts of
-their Hessians; a step is taken where the true maximum falls. Near the end Newton's method on the optimality system of
-the active pairs, h_j = z, sum mu_j g_j = 0, sum mu_j = 1, converges quadratically; its step is taken where the true
+their Hessians; a step is taken if the true maximum falls. Near the end Newton's method on the optimality system of
+the active pairs, h_j = z, sum mu_j g_j = 0, sum mu_j = 1, converges quadratically; its step is taken if the true
 maximum does not rise. Parameters are scaled so that each moves the control points by about as much.
 
 Source: trust regions for minimax problems are in Conn, Gould & Toint, Trust-Region Methods (2000), chapter 11.
@@ -19,31 +19,31 @@ from jhd._fitting.subproblem import model_step, multipliers
 from jhd._results.solution import RESULTS
 from jhd._runtime.clock import OutOfTimeError
 
-# Pairs are active within this share of the largest, or what rounding leaves of the size.
+# Pairs are active within this fraction of the largest value, or this rounding of the size.
 _ACTIVE, _ROUNDING = 1e-8, 4e-16
 # A stationary point, and the residual at which no further step is tried.
 STATIONARY, _CONVERGED = 1e-8, 1e-13
-# First radius: this share of the size, or so many times the distance where that is less.
+# First radius: this fraction of the size, or this many times the distance if that is less.
 _RADIUS, _DISTANCES = 0.1, 30.0
-# A step is taken from this share of the predicted gain on.
+# Least fraction of the predicted gain to take a step.
 _TAKEN = 0.02
 # Radii of parameters that no offending pair depends on grow, others shrink.
 _GROWTH, _SHRINKAGE = 2.5, 0.3
-# Share of the last gain that keeping parameters where they are is worth; scaled slopes below this one are none.
+# Fraction of the last gain as the reward for unchanged parameters; scaled slopes below _TOUCHED count as zero.
 _LAZY, _TOUCHED = 0.1, 1e-6
-# Models are solved to this share of the last gain, and to this share of the distance at least.
+# Accuracy of models: this fraction of the last gain, and at least this fraction of the distance.
 _SHARE, _ROUGH = 1e-4, 1e-6
 # Attempts at a step with smaller radii before the fit gives up.
 _ATTEMPTS = 12
-# Newton's method is tried where the last step gained less than this share; it may move by this share of the size.
+# Newton's method is tried if the last step gained less than this fraction; largest step as a fraction of the size.
 _NEAR, _FAR = 0.3, 0.05
-# Newton's method needs the best combination of the gradients to be below this share of the longest.
+# Newton's method needs a combination of the gradients below this fraction of the longest gradient.
 _CANCELED = 0.1
-# Steps that gain less than this share are tried twice as long, and given up where the distance grows by so much.
+# Steps that gain less than this fraction are tried twice as long, and dropped if the distance grows by this factor.
 _CREEPING, _ASTRAY = 0.05, 1.5
-# A valley: so many steps in a row, each gaining less than this share.
+# A valley: this many steps in a row, each gaining less than this fraction.
 _VALLEY_STEPS, _VALLEY = 10, 1e-3
-# A fit of curves of many segments ends where so many steps together gain less than that share.
+# A fit of curves of many segments ends when this many steps together gain less than _VALLEY.
 _SETTLED = 4
 
 
@@ -59,12 +59,12 @@ class Ended(NamedTuple):
 
 
 def slack(point: Point) -> float:
-    """How far below the largest a pair may be to be active."""
+    """Largest difference from the largest pair for a pair to be active."""
     return max(_ACTIVE * point.top, _ROUNDING * point.size)
 
 
 def stationarity(point: Point) -> tuple[FloatArray, float]:
-    """Multipliers of all pairs, zero off the active ones, and the length of the sum that they make least."""
+    """Multipliers of all pairs, zero for inactive ones, and the minimal length of the weighted sum of gradients."""
     h, g = point.expansion.value, point.expansion.gradient
     mu = np.zeros(len(h))
     if not len(h):
@@ -81,7 +81,7 @@ def minimize(
     stop_below: float,
     report: Callable[[int, float, float], object],
 ) -> Ended:
-    """Steps from the parameters until they are stationary, the distance is below stop_below, or nothing is gained."""
+    """Minimize until the parameters are stationary, the distance is below stop_below, or steps gain nothing."""
     point = problem.at(parameters)
     scale = problem.scales(parameters)
     radius = np.full(len(scale), min(_RADIUS * point.size, _DISTANCES * point.top))
@@ -119,7 +119,7 @@ def minimize(
 def _step(
     problem: Problem, point: Point, scale: FloatArray, radius: FloatArray, stride: FloatArray, last: float
 ) -> tuple[Point | None, FloatArray, FloatArray, Any]:
-    """The next point, radii and stride, and why there is none."""
+    """The next point (or None), radii, stride and a result code."""
     moved, result = _newton(problem, point, scale) if last < _NEAR * point.top else None, RESULTS.successful
     if moved is not None:
         radius = np.maximum(radius, 4 * _length((moved.parameters - point.parameters) / scale))
@@ -127,7 +127,7 @@ def _step(
     else:
         moved, radius, result = _trusted_step(problem, point, scale, radius, last)
     if moved is not None and point.top - moved.top < _CREEPING * point.top:
-        # Along a valley the next steps would be alike: as far again as this one and the last led.
+        # Along a valley the next steps would be similar: repeat this step and the last one together.
         further = _further(problem, moved, stride + moved.parameters - point.parameters, scale, radius)
         stride = further.parameters - point.parameters if further is not moved else np.zeros_like(scale)
         moved = further
@@ -135,7 +135,7 @@ def _step(
 
 
 def _priced(point: Point, scale: FloatArray) -> FloatArray:
-    """Multipliers over all pairs, those below the top at a price."""
+    """Multipliers of all pairs, with a price on pairs below the top."""
     h = point.expansion.value
     return multipliers(point.expansion.gradient * scale, 10 * (point.top - h) / point.top)
 
@@ -143,18 +143,18 @@ def _priced(point: Point, scale: FloatArray) -> FloatArray:
 def _trusted_step(
     problem: Problem, point: Point, scale: FloatArray, radius: FloatArray, last: float
 ) -> tuple[Point | None, FloatArray, Any]:
-    """A step that lowers the largest distance, the next radii, and why there is none.
+    """The point after a step that lowers the largest distance (or None), the next radii, and a result code.
 
-    Each parameter has a radius of its own: where a step fails, those shrink that the offending pairs depend on.
+    Each parameter has its own radius. If a step fails, radii of parameters on which the offending pairs depend shrink.
     """
     h, g = point.expansion.value, point.expansion.gradient * scale
     mu = _priced(point, scale)
     bending = problem.bending(point, mu)
     models = [point.expansion.bowls(scale, bending)]
     if last < _NEAR * point.top:
-        # The curvature that the pairs have together: in a valley that of each alone is too large.
+        # The joint curvature of the pairs: in a valley the curvature of each pair alone is too large.
         models.append(roots((point.expansion.hessian(mu) + bending)[None] * scale * scale[:, None]))
-    # Parameters that do not matter stay where they are.
+    # Parameters that do not matter stay unchanged.
     lazy = min(_LAZY, _LAZY * last / point.top) / len(scale) * point.top
     floor, accuracy = _ROUNDING * point.size, min(_ROUGH, _SHARE * last / point.top)
     for _ in range(_ATTEMPTS):
@@ -183,14 +183,14 @@ def _trusted_step(
 
 
 def _reachable(h: FloatArray, g: FloatArray, model: FloatArray, radius: FloatArray) -> FloatArray:
-    """Which pairs can be the largest of the model, with its roots, anywhere within the radii."""
+    """Mask of the pairs that can be the largest of the model (given by its roots) anywhere within the radii."""
     slope = np.abs(g) @ radius
     rise = slope + 0.5 * np.sum((np.abs(model) @ radius) ** 2, axis=1)
     return h + rise >= np.max(h - slope)
 
 
 def _further(problem: Problem, point: Point, stride: FloatArray, scale: FloatArray, radius: FloatArray) -> Point:
-    """The point reached by going on and making the largest pairs equal again, where it is better than the point."""
+    """The best of the point, the point moved on by `stride`, and this point after a step that equalizes pairs."""
     ahead = problem.at(point.parameters + stride)
     if ahead.top > _ASTRAY * point.top:
         return point
@@ -206,12 +206,12 @@ def _length(d: FloatArray) -> float:
 
 
 def _newton(problem: Problem, point: Point, scale: FloatArray) -> Point | None:
-    """Newton's step of the optimality system of the pairs that carry the maximum; None where it is not taken."""
+    """The point after Newton's step on the optimality system of the pairs that carry the maximum, or None."""
     support = np.flatnonzero(_priced(point, scale) > 1e-6)
     h, g = point.expansion.value[support], point.expansion.gradient[support] * scale
     mu = np.zeros(len(point.expansion.value))
     mu[support] = multipliers(g, np.zeros(len(support)))
-    # Where the gradients do not nearly cancel other pairs are missing, and equal values are all that it would reach.
+    # If the gradients do not nearly cancel, pairs are missing, and the step would only make values equal.
     if np.linalg.norm(mu[support] @ g) > _CANCELED * np.max(np.linalg.norm(g, axis=1)):
         return None
     hessian = point.expansion.hessian(mu) + problem.bending(point, mu)

@@ -1,7 +1,7 @@
 """The local maxima of the distance between two curves of many segments that are near the largest, in NumPy.
 
 One direction at a time. Samples of the carrier have an upper bound of their distance from the tree of the other curve's
-samples at once; those that can be near the top get feet. A maximum lies between two samples where the distance rises at
+samples at once; samples that can be near the top get feet. A maximum lies between two samples if the distance rises at
 the first and falls at the second, at a corner, or at an end. Between two samples it is bracketed by halving, then
 polished: one foot by Newton's method, two feet by making their distances equal.
 
@@ -21,25 +21,25 @@ from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Wi
 from jhd._runtime.arrays import joined, taken
 from jhd._runtime.clock import Clock
 
-# Samples whose feet tell a first value of the top, and most samples that get feet, the farthest ones.
+# Samples whose feet give a first value of the top, and most samples that get feet, the farthest ones.
 _FIRST, _MOST = 32, 1 << 14
 # Halvings of the interval of a maximum, and Newton steps after them.
 _HALVINGS, _POLISH = 14, 5
-# Feet at both ends of a small interval are two where they are apart by this share of the distance, or by this many
-# times what the point moves there.
+# Feet at both ends of a small interval count as two if their distance exceeds this fraction of the value, or this
+# many times the length of the interval.
 _ONE_FOOT, _MOVED = 1e-3, 64.0
-# A place whose nearest foot is nearer by this share than the polished one is not polished.
+# A point is not polished if its nearest foot is nearer than the polished foot by this fraction.
 _NEARER = 1e-9
-# Maxima of both directions at the same place, in shares of the distance, are one.
+# Maxima of both directions closer than this fraction of the distance are one.
 _SAME = 1e-6
-# The numbers of both directions, that from b to a first.
+# The numbers of both directions, from b to a first.
 _WAYS = tuple(int(way._value) for way in (DIRECTIONS.b_to_a, DIRECTIONS.a_to_b))
 
 FloatArray = Any
 
 
 class NearTop(NamedTuple):
-    """Local maxima along a carrier: values, places, their feet with weights, and events."""
+    """Local maxima along a carrier: values, locations, their feet with weights, and events."""
 
     value: FloatArray
     at: CurvePlaces
@@ -64,7 +64,7 @@ class _Intervals(NamedTuple):
 
 
 def near_top(carrier: SampledCurve, other: SampledCurve, share: float) -> NearTop:
-    """The local maxima of the distance along the carrier that are above this share of the largest."""
+    """The local maxima of the distance along the carrier above the fraction `share` of the largest."""
     rough = other.tree.query(carrier.points)[0]
     first = np.argpartition(-rough, min(_FIRST, len(rough)) - 1)[:_FIRST]
     top = np.max(other.feet(carrier.points[first]).distance)
@@ -82,7 +82,7 @@ def near_top(carrier: SampledCurve, other: SampledCurve, share: float) -> NearTo
     inside = _inside(carrier, other, distance, slope, places, least)
     held = _held(carrier, other, np.flatnonzero(_held_samples(carrier, slope) & (distance >= least)))
     found = joined([inside, held])
-    # The largest sample counts where it exceeds all maxima: along a flat stretch.
+    # If the largest sample exceeds all maxima, as along a flat stretch, it counts as a maximum.
     best = np.argmax(distance)
     if not np.max(found.value, initial=-np.inf) >= distance[best] * (1 - _NEARER):
         found = joined([found, _held(carrier, other, np.array([best]))])
@@ -90,7 +90,7 @@ def near_top(carrier: SampledCurve, other: SampledCurve, share: float) -> NearTo
 
 
 def _widened(carrier: SampledCurve, wanted: FloatArray) -> FloatArray:
-    """The samples that are wanted, those beside them, and the other one of each joint."""
+    """Mask of the wanted samples, their neighbors, and both samples at each joint."""
     wide = wanted.copy()
     wide[1:] |= wanted[:-1]
     wide[:-1] |= wanted[1:]
@@ -103,7 +103,7 @@ def _widened(carrier: SampledCurve, wanted: FloatArray) -> FloatArray:
 
 
 def _held_samples(carrier: SampledCurve, slope: FloatArray) -> FloatArray:
-    """Which samples are corners or ends from which the distance does not rise; one that stands still has no slope."""
+    """Mask of corners and ends from which the distance does not rise; if the curve stands still, the slope is zero."""
     held = np.zeros(len(slope), bool)
     start, end = carrier.first[:-1], carrier.first[1:] - 1
     if carrier.degree == 0:
@@ -117,7 +117,7 @@ def _held_samples(carrier: SampledCurve, slope: FloatArray) -> FloatArray:
 
 
 def _held(carrier: SampledCurve, other: SampledCurve, samples: FloatArray) -> NearTop:
-    """Maxima at samples, which are ends and corners but for one along a flat stretch: their nearest foot."""
+    """Maxima at samples (ends, corners, or one along a flat stretch), each with its nearest foot."""
     at = carrier.samples.take(samples)
     found = other.feet(carrier.points[samples])
     corner = (at.t == 1) & (carrier.next_segment[at.segment] >= 0)
@@ -152,6 +152,7 @@ def _inside(
 
 
 def _halved(carrier: SampledCurve, other: SampledCurve, cells: _Intervals) -> _Intervals:
+    """The half of each interval that contains a maximum, by the sign of the slope at the middle."""
     middle = 0.5 * (cells.t0 + cells.t1)
     jet = carrier.jets(CurvePlaces(cells.segment, middle))
     found = other.feet(jet.point, cells.left, cells.right)
@@ -192,14 +193,14 @@ def _polished(carrier: SampledCurve, other: SampledCurve, cells: _Intervals) -> 
 
 
 def _step_of_one(carrier: SampledCurve, other: SampledCurve, at: CurvePlaces, foot: SampledFeet) -> FloatArray:
-    """Newton's step of t where the foot moves along: c.A' = 0 with its derivative by that of the foot."""
+    """Newton's step of t for c.A' = 0 with a moving foot, whose derivative enters."""
     a, b = carrier.jets(at), other.jets(foot.at)
     c = a.point - b.point
     pinned = ((foot.at.t <= 0) & (dot(c, b.first) < 0)) | ((foot.at.t >= 1) & (dot(c, b.first) > 0))
     across, own = dot(a.first, b.first), dot(b.first, b.first) - dot(c, b.second)
     speed = np.where(pinned | (own <= 0), 0.0, across / np.where(own > 0, own, 1.0))
     bent = dot(a.first, a.first) + dot(c, a.second) - across * speed
-    # Only where it is a maximum.
+    # Zero unless it leads to a maximum.
     return np.where(bent < 0, -dot(c, a.first) / np.where(bent < 0, bent, 1.0), 0.0)
 
 
@@ -211,7 +212,7 @@ def _described(
     second: SampledFeet,
     two: FloatArray,
 ) -> NearTop:
-    """The maxima at places with one or two feet; where another foot is nearer, of that one alone."""
+    """The maxima at the given locations, with one or two feet; if another foot is nearer, with that foot only."""
     jet = carrier.jets(at)
     first, second = (other.followed(jet.point, foot.at) for foot in (first, second))
     nearest = other.feet(jet.point)
@@ -247,7 +248,7 @@ def _described(
 
 
 def pairs_near_top(a: SampledCurve, b: SampledCurve, share: float, capacity: int, clock: Clock) -> CriticalPairs:
-    """The largest local maxima of both directions that are above this share of the largest, largest first."""
+    """The largest local maxima of both directions above the fraction `share` of the largest, largest first."""
     there = near_top(a, b, share)
     clock.check()
     back = near_top(b, a, share)
@@ -275,7 +276,7 @@ def pairs_near_top(a: SampledCurve, b: SampledCurve, share: float, capacity: int
 
 
 def _repeated(there: NearTop, back: NearTop) -> FloatArray:
-    """Which maxima of one direction are pairs of the other: one foot, the same places, and the same of them held."""
+    """Mask of the maxima `back` that repeat one of `there`: one foot, equal points, and equal ends held."""
     if not len(there.value) or not len(back.value):
         return np.zeros(len(back.value), bool)
     ends = [int(event._value) for event in (EVENTS.a_end, EVENTS.corner)]

@@ -1,4 +1,4 @@
-"""A target and a family of curves: the critical pairs at parameters, with derivatives, and counts of the work.
+"""A target and a parametric curve: the critical pairs at parameters, with derivatives, and counts of the work.
 
 Curves of few segments are searched for all local maxima, which all take part. This work grows with the product of both
 numbers of segments. Beyond a limit, the maxima near the largest are found with trees (near_top), in a time that grows
@@ -25,11 +25,11 @@ from jhd._runtime.clock import Clock, OutOfTimeError
 from jhd._runtime.compiled import asking
 from jhd._shapes.curve import AbstractCurve, BezierSegments
 
-# Pairs below this share of the largest take no part in a step; of curves of many segments these.
+# Pairs below this fraction of the largest take no part in a step; the second for curves of many segments.
 _LEAST, _LEAST_OF_MANY = 1e-3, 0.3
-# Curves are of many segments where the product of both numbers exceeds this one.
+# Curves have many segments if the product of both numbers exceeds this.
 _MANY = 1 << 10
-# Samples of each curve are at least so many, and at least so many for each segment of the other one.
+# Least number of samples of each curve, and least number for each segment of the opposite curve.
 _SAMPLES, _SAMPLES_EACH = 1 << 11, 4
 
 
@@ -48,14 +48,14 @@ class Point:
 
     @cached_property
     def expansion(self) -> Expansion:
-        """The pairs that take part, with their derivatives; a point that is turned down needs none."""
+        """The pairs that take part, with their derivatives; a rejected point needs none."""
         least = _LEAST_OF_MANY if self.many else _LEAST
         return expand(self.pairs, self.fixed, self.moving, least * self.top)
 
 
 @eqx.filter_jit
 def _moving(build: Callable, parameters: Any) -> tuple[AbstractCurve, Any, Any, Any]:
-    """The shape, its segments' homogeneous control points, their derivatives, and what follows what."""
+    """The shape, its segments' homogeneous control points, their derivatives, and `next_segment`."""
 
     def segments(p: Any) -> Any:
         curve = build(p).segments()
@@ -74,14 +74,14 @@ def _bending(build: Callable, parameters: Any, cotangent: Any) -> Any:
 
 @dataclass
 class Problem:
-    """A target and a family of curves, with counts of the work.
+    """A target and a parametric curve, with counts of the work.
 
     Args:
-        build: from a vector of parameters to a curve.
+        build: takes a vector of parameters and returns a curve.
         target: the curve to fit.
         capacity: length of the list of pairs.
-        clock: asked before each evaluation after the first.
-        density: how many times the usual number of samples curves of many segments have.
+        clock: checked before each evaluation after the first.
+        density: factor on the number of samples of curves of many segments.
     """
 
     build: Callable
@@ -115,16 +115,16 @@ class Problem:
         return Point(parameters, shape, pairs, self._fixed, moving, many, float(pairs.value[0]), self._size)
 
     def look_closer(self) -> None:
-        """Let no maximum be missed again: of few segments the largest is proven, of many there are more samples."""
+        """After a missed maximum, prove the largest for few segments, and take more samples for many segments."""
         self.density *= 2
         self._proving = True
 
     def has_many(self, count: int) -> bool:
-        """Whether maxima near the top alone take part, for so many segments of the shape."""
+        """Whether only maxima near the top take part, for a shape of `count` segments."""
         return self._hurried or count * self.target.count > _MANY
 
     def _all(self, shape: BezierSegments) -> CriticalPairs | None:
-        """All maxima; None, now and from now on, where the time does not allow to compile their search."""
+        """All maxima; None, also in later calls, if there is no time to compile their search."""
         try:
             with asking(self.clock.compiling):
                 if self._proving:
@@ -136,7 +136,7 @@ class Problem:
 
     def _near_top(self, moving: Moving, next_segment: FloatArray, clock: Clock) -> CriticalPairs:
         samples = self.density * max(_SAMPLES, _SAMPLES_EACH * max(self.target.count, len(moving.points)))
-        # Points have no length; the other curve's says how far apart its samples are.
+        # Points have no length; then the length of the shape gives the spacing.
         length = self._length or float(np.sum(lengths_of(moving.points, moving.rational)))
         spacing = (length or 1.0) / samples
         target = self._sampled.get((len(moving.points), self.density))
@@ -156,7 +156,7 @@ class Problem:
         return 1 / np.where(moved > 0, moved, 1.0)
 
     def bending(self, point: Point, mu: FloatArray) -> FloatArray:
-        """What the second derivatives of the control points add to the Hessian of sum mu_j h_j."""
+        """The part of the Hessian of sum mu_j h_j due to second derivatives of the control points."""
         cotangent = np.tensordot(mu, point.expansion.cotangent, axes=1)
         return np.asarray(_bending(self.build, jnp.asarray(point.parameters), cotangent))
 

@@ -14,13 +14,13 @@ from jhd._distance.nearest.feet import dot, equation_of, gauss_newton
 from jhd._distance.normalization.jets import CurveJet, polynomial_jet, quotient
 from jhd._runtime.arrays import joined, taken
 
-# Samples from which the foot of a query is looked for.
+# Nearest samples from which the foot of a query is searched.
 _NEAR = 3
-# A sample that is nearer than the feet by this share is none of them up to rounding.
+# A sample nearer than all feet by this fraction replaces them.
 _NEARER = 1e-9
-# Steps of Newton's method, some of them lost where it goes over a joint; on straight segments the first one is exact.
+# Steps of Newton's method, of which crossing a joint takes one; on straight segments the first step is exact.
 _STEPS, _STRAIGHT_STEPS = 6, 2
-# Samples of a segment are this many at least, where it is curved, and this many at most.
+# Least samples of a curved segment, and most samples of a segment.
 _LEAST, _MOST = 8, 4096
 
 FloatArray = Any
@@ -36,7 +36,7 @@ class CurvePlaces(NamedTuple):
 
 
 class SampledFeet(NamedTuple):
-    """Feet of points, how far they are from them, and the samples' curve there."""
+    """Feet of points: locations on the curve, coordinates, and distances."""
 
     at: CurvePlaces
     point: FloatArray
@@ -50,7 +50,7 @@ class SampledCurve:
         homogeneous: (segments, points, width) control points, times the weights and followed by them if there are any.
         next_segment: for each segment the next one, -1 at a free end.
         rational: whether the last coordinate is the weight.
-        spacing: how far samples are to be apart.
+        spacing: largest distance of samples along the curve.
     """
 
     def __init__(self, homogeneous: FloatArray, next_segment: FloatArray, rational: bool, spacing: float):
@@ -72,7 +72,7 @@ class SampledCurve:
     @cached_property
     def tree(self) -> Any:
         """The samples as a tree."""
-        # Heavy to import, and not needed by what does not fit.
+        # Heavy to import, and needed by fits only.
         from scipy.spatial import KDTree
 
         return KDTree(self.points)
@@ -105,7 +105,7 @@ class SampledCurve:
         for _ in range(0 if self.degree == 0 else _STRAIGHT_STEPS if self.degree == 1 else _STEPS):
             here = equation_of(points, self.jets(at))
             t = gauss_newton(at.t, here)
-            # Where a step is held at a joint it goes on with the next segment.
+            # If a step is held at a joint, it continues on the next segment.
             beyond = np.where(
                 (at.t >= 1) & (here.residual < 0),
                 self.next_segment[at.segment],
@@ -118,6 +118,6 @@ class SampledCurve:
 
 
 def lengths_of(homogeneous: FloatArray, rational: bool) -> FloatArray:
-    """Of each segment the length of its control polygon."""
+    """The length of the control polygon of each segment."""
     points = homogeneous[..., :-1] / homogeneous[..., -1:] if rational else homogeneous
     return np.sum(np.sqrt(np.sum(np.diff(points, axis=1) ** 2, axis=-1)), axis=-1)

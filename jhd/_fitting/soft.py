@@ -46,15 +46,15 @@ from jhd._shapes.unchecked import trusted
 
 # Weight of all samples relative to the farthest point: a larger weight makes S smoother and larger.
 WEIGHT = 63
-# Samples of one curve, divided among its segments: at least one each, at most so many.
+# Samples of one curve, divided among its segments, and most samples of a segment; each has at least one.
 SAMPLES, MOST = 1024, 256
 # Samples of the opposite curve, divided among its segments; the nearest starts the search of a foot. On four random
-# cubics seven feet in a thousand are not the nearest ones; with four samples of each segment it was a fifth of them.
+# cubics seven feet in a thousand are not the nearest; with four samples of each segment it was a fifth of all feet.
 _STARTS = 256
 # Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed: in the last one a
 # hundredth of the feet still moves, by more than this fraction of a segment.
 _FOLLOW, _STILL = 5, 2.0**-26
-# So many more for these, as many of them side by side: a step of all costs sixteen times as much.
+# Further steps for feet that still move, and feet in one batch: a step of all feet costs sixteen times as much.
 _FURTHER, _SIDE_BY_SIDE = 8, 64
 # A temperature below this fraction of the size softens less than rounding.
 _COLD = 1e-15
@@ -126,23 +126,23 @@ def _softened(a: BezierSegments, b: BezierSegments, hard: Array, heat: Array, fr
     a, b = (trusted(frame.moved(curve.control_points), curve.weights, curve.next_segment) for curve in (a, b))
     long = is_long(a) or is_long(b)
     means = [_mean(sampled(x), y, long, top * scale, heat * scale) for x, y in ((a, b), (b, a))]
-    # Sums of weights round, and no mean of numbers up to one is more.
+    # The exact mean is at most one; with rounded weights it may be larger.
     share = jnp.minimum(0.5 * (means[0] + means[1]), 1.0)
     return jnp.where(known, top + heat * jnp.log1p(WEIGHT * share), hard)
 
 
 def _mean(of: SoftSamples, b: BezierSegments, long: bool, top: Array, heat: Array) -> Array:
-    """The mean of exp((d - top) / heat) over samples, where d is at most top; in common coordinates."""
+    """The mean of exp((min(d, top) - top) / heat) over samples with distances d; in common coordinates."""
     distance = jnp.minimum(_distances(of, b, long), top)
     return jnp.sum(of.weight * jnp.exp((distance - top) / jnp.maximum(heat, _COLD)))
 
 
 def sampled(curve: BezierSegments) -> SoftSamples:
-    """Samples in the middles of equal steps of each segment's parameter, that count by the length there."""
+    """Samples in the middles of equal steps of each segment's parameter, weighted by the local length."""
     steps = min(math.ceil(SAMPLES / curve.count), MOST)
     t = (jnp.arange(steps, dtype=curve.control_points.dtype) + 0.5) / steps
     each = jax.vmap(lambda k: jax.vmap(lambda u: jet(*piece_of(curve, k), u))(t))(jnp.arange(curve.count))
-    # Points have no length: of them each counts as much.
+    # Points have no length: all count equally.
     speed = length(each.first) if curve.degree else jnp.ones(each.point.shape[:-1], t.dtype)
     own = ~repeated(curve.control_points, curve.weights)[:, None]
     speed = jnp.where(own, speed, 0.0)

@@ -12,7 +12,7 @@ from jhd._arithmetic.least_squares import non_negative
 
 # Steps of the interior point method, of which 8 to 20 are needed; its least tolerance in units of order one.
 _STEPS, _TOLERANCE = 60, 1e-13
-# Share of the way to the boundary that a step takes.
+# Fraction of the way to the boundary that a step takes.
 _SHARE = 0.995
 
 FloatArray = Any
@@ -26,15 +26,15 @@ def model_step(
     lazy: float = 0.0,
     accuracy: float = 0.0,
 ) -> FloatArray:
-    """The d with |d_m| <= radius_m for which the largest of value_i + gradient_i d + |roots_i d|^2 / 2 is least.
+    """The d with |d_m| <= radius_m that minimizes the largest of value_i + gradient_i d + |roots_i d|^2 / 2.
 
     Args:
-        value: (pairs,) of which the largest is positive.
+        value: (pairs,), the largest is positive.
         gradient: (pairs, parameters).
-        roots: (pairs, rank, parameters); or (1, rank, parameters), those of all.
+        roots: (pairs, rank, parameters), or (1, rank, parameters) for all pairs.
         radius: (parameters,) positive.
-        lazy: what moving each parameter by its radius costs, half of it, in the unit of the values.
-        accuracy: how exact the least value is to be, as a share of the largest; what rounding leaves where it is less.
+        lazy: twice the cost of moving a parameter by its radius, in the unit of the values.
+        accuracy: accuracy of the minimum as a fraction of the largest value, but not below rounding.
     """
     scale, tolerance = np.max(value), max(_TOLERANCE, accuracy)
     # In units of the radius and of the largest value: x = (d / radius, (level - scale) / scale).
@@ -74,7 +74,7 @@ def model_step(
 
 
 class _Constraints:
-    """The linearized constraints: those of the pairs (pairs, parameters + 1), and both bounds of each parameter."""
+    """The linearized constraints: one for each pair (pairs, parameters + 1), and both bounds of each parameter."""
 
     def __init__(self, pairs: FloatArray):
         self.pairs, self._few, self._count = pairs, len(pairs), pairs.shape[1] - 1
@@ -111,7 +111,7 @@ class _Direction:
         self.matrix, self.rows, self.slack, self.y, self.excess, self.dual = matrix, rows, slack, y, excess, dual
 
     def towards(self, product: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Changes of the unknowns, the slacks and the multipliers; None where the matrix is singular."""
+        """Changes of the unknowns, the slacks and the multipliers; None if the matrix is singular."""
         right = -self.dual - self.rows.back((self.y * self.excess - product) / self.slack)
         try:
             dx = np.linalg.solve(self.matrix, right)
@@ -129,7 +129,7 @@ def _longest(v: FloatArray, dv: FloatArray) -> float:
 
 
 def multipliers(gradient: FloatArray, price: FloatArray) -> FloatArray:
-    """The mu >= 0 with sum one for which |sum mu_j g_j|^2 + sum (price_j mu_j)^2 is least; a basic solution.
+    """The mu >= 0 with sum one that minimize |sum mu_j g_j|^2 + sum (price_j mu_j)^2; a basic solution.
 
     Args:
         gradient: (pairs, parameters).

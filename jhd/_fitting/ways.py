@@ -29,16 +29,16 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 from jhd._triangles.closest_point import outward
 
-# Places along a curve or surface at each evaluation: fewer than the bounds at the end are made of.
+# Nodes along a curve or surface at each evaluation, fewer than for the final bounds.
 _NODES = 1 << 11
-# A maximum was missed where the proven distance is larger by this share, or this share of the size.
+# A maximum was missed if the proven distance is larger by this fraction of itself or of the size.
 _MISSED = 1e-9
 # How often samples are doubled after a maximum was missed.
 _DENSER = 3
 
 
 class Limits(NamedTuple):
-    """What ends an iteration, how many maxima take part, and how the end is proven."""
+    """Stopping criteria of an iteration, the number of maxima that take part, and the method of the final proof."""
 
     max_steps: int
     stop_below: float
@@ -48,7 +48,7 @@ class Limits(NamedTuple):
 
 
 class Way(NamedTuple):
-    """A way to fit: from a start and a listener to an end, the value of an end, and the solution that it is."""
+    """A way to fit: functions from a start and a callback to an end, and from an end to its value and solution."""
 
     iterate: Callable[[Any, Callable[[int, float, float], object]], Any]
     value: Callable[[Any], float]
@@ -56,7 +56,7 @@ class Way(NamedTuple):
 
 
 def way_of(built: Any, target: Any, statistic: AbstractStatistic | None, limits: Limits) -> Way:
-    """How shapes of the target's kind are fitted to it by a statistic."""
+    """The way to fit shapes to a target of this kind by a statistic."""
     check_statistic(statistic)
     steps, stop_below, capacity, clock, method = limits
     if statistic is not None and statistic != MaxDistance():
@@ -85,7 +85,7 @@ def way_of(built: Any, target: Any, statistic: AbstractStatistic | None, limits:
 
 
 def scales_of(build: Callable, target: Any) -> Callable[[np.ndarray], np.ndarray]:
-    """Of parameters, the change of each that moves the shape by about one unit of length."""
+    """A function from parameters to the change of each that moves the shape by about one unit of length."""
 
     def scales(parameters: np.ndarray) -> np.ndarray:
         shape = build(jnp.asarray(parameters))
@@ -111,7 +111,7 @@ def fit_by_measure(
     clock: Clock,
     report: Callable[[int, float, float], object],
 ) -> Descended:
-    """Steps from the parameters, a vector, until the statistic of (target, shape) is stationary; see descend."""
+    """Minimize a statistic of (target, shape) from a vector of parameters until it is stationary; see descend."""
     low, high = (np.asarray(end) for end in target.bounds)
     size = float(np.max(high - low)) or 1.0
     function = lambda p: statistic.estimate(target, build(p), nodes=_NODES)  # noqa: E731
@@ -162,7 +162,7 @@ def minimize_and_prove(
     method: AbstractHausdorffMethod | None,
     report: Callable[[int, float, float], object],
 ) -> ProvenEnd:
-    """A fit by all maxima, taken up again with a closer look at the maxima if one was missed."""
+    """Fit by all maxima; continue with denser samples or proven maxima if one was missed."""
     found = _proven(problem, minimize(problem, start, max_steps, stop_below, report), method)
     for _ in range(_DENSER):
         before, steps = found.ended, problem.counts["steps"]
@@ -190,7 +190,7 @@ def _proven(problem: Problem, ended: Ended, method: AbstractHausdorffMethod | No
 
 
 def _bounded(problem: Problem, point: Point) -> HausdorffSolution:
-    """The distance at a point by bounds that need no program."""
+    """The distance at a point by bounds that need no compilation."""
     bounds = host_bounds(problem.target, point.shape.segments(), problem.clock)
     dtype = np.dtype(point.pairs.value.dtype)
     lower, upper = (outward(np.asarray(end), 0, dtype, sign) for end, sign in zip(bounds, (-1, 1), strict=True))
@@ -227,7 +227,7 @@ def minimax_solution(proven: ProvenEnd, unravel: Callable) -> FitSolution:
 def bundled_solution(
     ended: Bundled, unravel: Callable, target: Any, method: AbstractHausdorffMethod | None, clock: Clock
 ) -> FitSolution:
-    """The end of a fit by cuts, likewise."""
+    """The FitSolution at the end of a fit by cuts."""
     point = ended.point
     there, back = point.solutions
     back = eqx.tree_at(lambda s: s.witness.direction, back, DIRECTIONS.b_to_a)

@@ -47,7 +47,7 @@ def verify_file(
     shapes: Sequence[Any] = (),
     progress: Callback | None = None,
 ) -> Proven:
-    """The claim that the certificate in a file proves; cells are checked one by one as they are read.
+    """Verify the certificate in a file and return its claim; cells are checked one by one as they are read.
 
     Args:
         file: name of a file written by `Certificate.save`.

@@ -11,7 +11,7 @@ from jhd._io.ply import read_ply
 from jhd._io.tables import table_in
 from jhd._shapes.curve import BezierSegments, point_set
 
-# What is nothing but points; a .ply file may hold a mesh too.
+# Formats that hold only points; a .ply file may hold a mesh too.
 CLOUD_SUFFIXES = (".xyz", ".csv", ".txt", ".npy")
 
 
@@ -55,11 +55,11 @@ def load_points(file: str | Path) -> BezierSegments:
 
 def _array(file: str) -> np.ndarray:
     try:
-        # Mapped: an array that the file is too short for is refused before there is room for it.
+        # Mapped, so that a file too short for its array is refused before memory is allocated.
         mapped = np.load(file, mmap_mode="r", allow_pickle=False)
     except OSError:
         raise
-    except Exception as error:  # NumPy's reader of headers has many kinds for bytes that are none
+    except Exception as error:  # NumPy raises many kinds of errors for other bytes
         raise ParseError(f"not an array of numbers: {' '.join(str(error)[:200].split())}", file) from None
     end = mapped.offset + mapped.nbytes if isinstance(mapped, np.memmap) else None
     size = os.path.getsize(file)

@@ -42,12 +42,12 @@ class Contour:
         self.closed = False
 
     def append(self, *points: complex, weights: tuple[float, ...] | None = None) -> None:
-        """Appends the segment from the end of the contour with these further control points."""
+        """Append the segment from the end of the contour with these further control points."""
         self.segments.append(Segment((self.end, *points), weights))
         self.end = points[-1]
 
     def close(self) -> None:
-        """Closes the contour: by a line where the end is away from the start, by moving the end over a rounding gap."""
+        """Close the contour by moving its end over a rounding gap, or else by a line to the start."""
         self.closed = True
         if self.end == self.start:
             return
@@ -78,7 +78,7 @@ def affine(point: complex, matrix: np.ndarray) -> complex:
 def assemble(contours: Iterable[Contour]) -> BezierSegments | None:
     """The contours as one curve of the least common degree, or None if they hold no segment.
 
-    Raising a line to degree 2 is exact where the midpoint is a float; to degree 3 it rounds by an ulp. End points stay
+    Raising a line to degree 2 is exact if the midpoint is a float; to degree 3 it rounds by an ulp. End points stay
     bit for bit. Segments that stay at one point are left out unless the contour consists of nothing else. Open ends
     that meet a start are joined to it, as for every `BezierSegments`.
     """
@@ -87,7 +87,7 @@ def assemble(contours: Iterable[Contour]) -> BezierSegments | None:
         return None
     segments = [segment for run, _ in runs for segment in run]
     degree = max(len(points) for points, _ in segments) - 1
-    # What leaves the range of doubles is refused below.
+    # Points beyond the range of doubles are refused below.
     with np.errstate(over="ignore", invalid="ignore"):
         raised = [_raised(segment, degree) for segment in segments]
     points = np.array([points for points, _ in raised])

@@ -18,7 +18,7 @@ _FLAGS = ("closed", "periodic")
 
 
 class DescribedKind(NamedTuple):
-    """How a type is built: the constructor, its required keys in order, and its optional keys."""
+    """A type of described objects: the constructor, its required keys in order, and its optional keys."""
 
     build: Callable[..., Any]
     needed: tuple[str, ...]
@@ -90,7 +90,7 @@ def check_suffix(what: str, file: str | Path, known: tuple[str, ...]) -> str:
 
 
 def save_described(file: str | Path, content: Mapping[str, Any]) -> None:
-    """Writes such a dictionary as JSON, one key a line."""
+    """Write a described shape as JSON, one key a line."""
     lines = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in content.items()]
     replace_file(file, "{\n" + ",\n".join(lines) + "\n}\n")
 

@@ -95,5 +95,5 @@ def _texts(text: str, file: object) -> list[tuple[int, str]]:
 
 
 def _is_whole(text: str) -> bool:
-    """Whether a text without open brackets is a geometry and not only the beginning of one."""
+    """Whether a text without open brackets is a complete geometry."""
     return text.rstrip().endswith((")", ";")) or text.rstrip().upper().endswith("EMPTY")

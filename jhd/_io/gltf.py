@@ -25,11 +25,11 @@ _HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "K
 
 
 def read_gltf(file: str, content: bytes) -> TriangleMesh:
-    """The triangles of the scene that the file shows first, in the coordinates of the scene.
+    """The triangles of the default scene of the file, in the coordinates of the scene.
 
     Raises:
         FileNotFoundError: a buffer next to the file does not exist.
-        ParseError: content that is no glTF, or holds what is not read.
+        ParseError: content that is no glTF, or has a feature that is not read.
     """
     text, binary = _chunks(file, content) if content.startswith(_MAGIC) else (content, None)
     try:

@@ -155,7 +155,7 @@ def parse_font_spec(spec: str) -> tuple[str, str]:
 
 
 def _font_file(font: str) -> str:
-    """The file of a font given by path, family or file name."""
+    """The file of a font given by path, family name or file name."""
     if font.lower().endswith(_SUFFIXES):
         if not Path(font).is_file():
             raise FileNotFoundError(f"{font}: no such file.")
@@ -169,7 +169,7 @@ def _font_file(font: str) -> str:
 
 
 def _preference(entry: Any) -> tuple[bool, int, bool, bool, str]:
-    """Regular faces first, and of two files of one face the one that matplotlib carries, which is alike everywhere."""
+    """Sort key: regular faces first, then files that come with matplotlib, which do not depend on the machine."""
     style = entry.style != "normal"
     stretch = entry.stretch != "normal"
     return style, abs(int(entry.weight) - _NORMAL_WEIGHT), stretch, not _is_carried(entry), entry.fname
@@ -202,7 +202,7 @@ def _draw(font: TTFont, name: str, text: str) -> tuple[list[Contour], float]:
 
 
 class _ContourPen(BasePen):
-    """A fontTools pen that collects the contours of a letter; the base class draws parts of composite ones in place."""
+    """A fontTools pen that collects the contours of a letter; the base class transforms parts of composite letters."""
 
     def __init__(self, glyphs: Any, advance: float):
         BasePen.__init__(self, glyphs)
@@ -211,7 +211,7 @@ class _ContourPen(BasePen):
         self.parts = self.pieces = 0
 
     def addComponent(self, glyphName: str, transformation: Any) -> None:
-        """Draws a part, which may have parts."""
+        """Draw a part, which may have parts itself."""
         self.parts += 1
         if self.parts > _MOST_PARTS:
             raise _OutgrownError(f"a letter has more than {_MOST_PARTS} parts.")

@@ -35,9 +35,9 @@ ARC, COMPOSITE, LINE, MATRIX, CURVE, SURFACE = 100, 102, 110, 124, 126, 128
 _SILENT = frozenset((0, 123, MATRIX, 302, 304, 308, 310, 312, 314, 316, 320, 322, 402, 404, 406, 410, *range(202, 231)))
 # Entity use flags of geometry, other and construction geometry; the rest is annotation, definitions, 2-D parameters.
 _USES = (0, 3, 6)
-# By how much the distances of the ends of an arc from its center may differ, relatively: files of few digits are read.
+# Largest relative difference of the distances of the ends of an arc from its center: files of few digits are read.
 _OUT_OF_ROUND = 1e-4
-# How far the ends of a spline may be beyond its knots, relative to their domain: other software writes ten digits.
+# Largest distance of the ends of a spline beyond its knots, relative to their domain: other software writes ten digits.
 _ROUNDED = 1e-9
 _NAMES = {
     104: "conic arc", 106: "copious data", 108: "plane",
@@ -154,6 +154,7 @@ class _IgesReader:
             raise record.error(f"is not a valid shape: {error}") from None
 
     def _composite(self, entry: IgesEntry) -> BezierSegments:
+        """Entity 102: the number of parts and pointers to them; the parts joined in order and transformed."""
         record = self.found.record(entry)
         count = record.integer(1)
         if count < 1:
@@ -241,7 +242,7 @@ def _weights(record: IgesRecord, weights: np.ndarray, polynomial: bool) -> np.nd
 
 
 def _ends(record: IgesRecord, ends: Sequence[float], knots: Sequence[float], degree: int) -> tuple[float, float]:
-    """First and last parameter, within the domain of the knots; what is beyond it by rounding is put on its end."""
+    """First and last parameter, clipped to the domain of the knots if they exceed it by rounding only."""
     lower, upper = knots[degree], knots[len(knots) - 1 - degree]
     room = _ROUNDED * (upper - lower)
     start, stop = (min(max(end, lower), upper) if lower - room <= end <= upper + room else end for end in ends)
@@ -331,6 +332,6 @@ def _arc(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
     return BezierSegments(points if matrix is None else _placed(points, matrix), weights)
 
 
-# What stands by itself, and what composite curves are made of.
+# Entities that are shapes by themselves, and parts of composite curves.
 _READ = {ARC: _arc, LINE: _line, CURVE: _curve, SURFACE: _surface}
 _PARTS = (ARC, LINE, CURVE)

@@ -24,9 +24,9 @@ UNITS = {
 }  # fmt: skip
 # The flag of a unit that only has a name; inches, which a file without a flag is in.
 _NAMED, _INCHES = 3, 1
-# Places of the scale of the model, the flag and the name of the unit in the global section, from 0.
+# Positions of the scale of the model, the flag and the name of the unit in the global section, from 0.
 _SCALE, _FLAG, _NAME = 12, 13, 14
-# IGES 5.3, section 2.2.4.2: what may stand in numbers and strings separates nothing.
+# Characters of numbers and strings cannot be delimiters (IGES 5.3, section 2.2.4.2).
 _NO_DELIMITERS = frozenset("0123456789+-.DEH ")
 
 
@@ -53,7 +53,7 @@ class IgesEntry(NamedTuple):
 
 
 class IgesFile(NamedTuple):
-    """What a file holds: the words of the global section, entries by sequence numbers, parameters and delimiters."""
+    """Content of a file: words of the global section, entries by sequence numbers, parameters and delimiters."""
 
     name: object
     line: int
@@ -114,30 +114,30 @@ class IgesRecord(NamedTuple):
     words: Sequence[str]
 
     def error(self, message: str) -> ParseError:
-        """What is wrong with the entity, at its place."""
+        """An error with the message, the entity and its line."""
         return ParseError(f"entity {self.entry.type} (D{self.entry.sequence}) {message}", self.file, self.line)
 
     def needs(self, count: int) -> None:
-        """Raises ParseError if there are fewer than `count` parameters behind the type."""
+        """Raise ParseError if fewer than `count` parameters follow the type."""
         if len(self.words) - 1 < count:
             raise self.error(f"has {len(self.words) - 1} parameters; needs {count}.")
 
     def integer(self, index: int) -> int:
-        """The parameter of this index, from 1; one that is left out is 0 (section 2.2.2.8)."""
+        """The integer parameter at this index, from 1; an omitted parameter is 0 (section 2.2.2.8)."""
         word = self.words[index].strip()
         if word and not _INTEGER.fullmatch(word):
             raise self.error(f"has parameter {index} {shown(word)}; needs an integer.")
         return int(word or 0)
 
     def flag(self, index: int) -> bool:
-        """The parameter as a flag."""
+        """The parameter at this index as a flag."""
         value = self.integer(index)
         if value not in (0, 1):
             raise self.error(f"has parameter {index} {value}; needs 0 or 1.")
         return bool(value)
 
     def reals(self, index: int, count: int) -> list[float]:
-        """So many parameters from this index on."""
+        """`count` parameters from this index on, as floats."""
         return [self._real(index + k, word.strip()) for k, word in enumerate(self.words[index : index + count])]
 
     def _real(self, index: int, word: str) -> float:
@@ -229,13 +229,13 @@ def split_record(file: object, line: int, text: str, delimiters: tuple[str, str]
     """The parameters of a record up to its end, strings with their lengths in front: 5HHELLO.
 
     Raises:
-        ParseError: there is no end, or a string is longer than what there is.
+        ParseError: there is no end, or a string is longer than the remaining text.
     """
     parameter, record = delimiters
     if "H" not in text and record in text:
         return text[: text.index(record)].split(parameter)
     ends = re.escape(parameter) + re.escape(record)
-    # Nothing is given back, so that blanks without an end are read once.
+    # The patterns do not backtrack, so that blanks without an end are read once.
     plain, string = re.compile(rf" *+(?:([0-9]{{1,6}})H|[^{ends}]*+([{ends}]))"), re.compile(rf" *+([{ends}])")
     words, at, end = [], 0, ""
     while end != record:

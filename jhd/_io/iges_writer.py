@@ -25,7 +25,7 @@ from jhd._shapes.patch import AbstractPatch, BezierPatch
 _GLOBAL, _PARAMETERS = 72, 64
 # Numbers of lines have seven digits.
 _MOST_LINES = 9_999_999
-# Length that a reader need not tell from zero, as a share of the largest coordinate: the default gap of distances.
+# Length that a reader need not tell from zero, as a fraction of the largest coordinate: the default gap of distances.
 _RESOLUTION = 1e-10
 # Parts of a composite curve depend on it.
 _PART, _ALONE = "00010000", "00000000"
@@ -84,7 +84,7 @@ def save_iges(
 
 
 def _append(entities: list[_IgesEntity], name: str, shape: Any) -> None:
-    """Appends the entities of a shape."""
+    """Append the entities of a shape."""
     if isinstance(shape, AbstractPatch):
         nets = [shape] if isinstance(shape, BSplineSurface | BezierPatch) else _patches(shape)
         for net in nets:
@@ -119,7 +119,7 @@ def _patches(shape: AbstractPatch) -> list[BezierPatch]:
 
 
 def _runs(segments: BezierSegments) -> list[list[BezierCurve]]:
-    """The segments one by one, those that follow one another together."""
+    """The segments as curves, grouped into runs of consecutive segments."""
     points, following = np.asarray(segments.control_points), np.asarray(segments.next_segment)
     weights = [None] * len(points) if segments.weights is None else list(np.asarray(segments.weights))
     runs: list[list[BezierCurve]] = []
@@ -184,6 +184,7 @@ def _real(x: float) -> str:
 
 
 def _sheet(name: str, entities: Sequence[_IgesEntity], largest: float, unit: str) -> str:
+    """The text of an IGES file with these entities: start, global, directory, parameter and terminate section."""
     directory, parameters = [], []
     for index, entity in enumerate(entities):
         rows = _rows([str(entity.type), *entity.words], _PARAMETERS)
@@ -219,7 +220,7 @@ def _global_words(name: str, largest: float, unit: str) -> list[str]:
 
 
 def _rows(words: Iterable[str], width: int) -> list[str]:
-    """The words with commas between them and a semicolon behind, in lines that break behind a comma."""
+    """The words, separated by commas and ended by a semicolon, in lines that break after a comma."""
     words = list(words)
     rows = [""]
     for k, word in enumerate(words):

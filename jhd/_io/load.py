@@ -75,7 +75,7 @@ def _json_shape(file: str) -> AbstractCurve | AbstractPatch:
 
 
 def _iges_shape(file: str) -> AbstractCurve | AbstractPatch:
-    """The only shape of a file, or all of them as one if all are curves or all are surfaces."""
+    """The only shape of a file, or all its shapes as one if all are curves or all are surfaces."""
     found = load_iges(file)
     curves = [shape for shape in found if isinstance(shape, AbstractCurve)]
     surfaces = [shape for shape in found if isinstance(shape, AbstractPatch)]

@@ -22,7 +22,7 @@ from jhd._shapes.mesh import TriangleMesh, check_mesh
 
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_HEADER = 80
-# Parts of a surface that OBJ files may hold beside faces: free-form ones, faces by an older name, and other files.
+# Parts of a surface in OBJ files other than faces: free-form ones, faces by an older name, and other files.
 _UNREAD = ("surf", "fo", "bsp", "bzp", "cdp", "call")
 
 
@@ -106,7 +106,7 @@ def _polygons(points: np.ndarray, corners: list, sizes: list, vertex_lines: list
 def _read_obj(file: object, content: bytes) -> Polygons:
     """OBJ: indices count from 1, or backwards from the last vertex so far; texture and normal are left out.
 
-    A backslash at the end of a line joins the next one to it, but not to a comment, where it ends the name of a folder.
+    A backslash at the end of a line joins the next line to it, except in comments, in which it may end a folder name.
     """
     vertices, corners, sizes, vertex_lines, polygon_lines = [], [], [], [], []
     if b"\\" in content:
@@ -127,7 +127,7 @@ def _read_obj(file: object, content: bytes) -> Polygons:
 
 
 def _joined(content: bytes) -> bytes:
-    """Continued lines as one, with empty lines behind them, so that the numbers of lines stay."""
+    """Join continued lines, followed by empty lines, so that line numbers stay."""
     joined, parts = [], []
     for line in content.splitlines():
         parts.append(line.rstrip())
@@ -140,7 +140,7 @@ def _joined(content: bytes) -> bytes:
 
 
 def _counted(file: object, named: list[int], count: int, line: int) -> list[int]:
-    """Indices from 0; those that are too large are left for later, since vertices may follow."""
+    """Indices from 0; too large ones are checked later, since vertices may follow."""
     if min(named, default=1) > 0:
         return [i - 1 for i in named]
     for i in named:
@@ -235,7 +235,7 @@ def _stl_text(file: object, content: bytes) -> Polygons:
     points = coordinates_in(file, corners, lines)
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if not len(points) or not facets or len(bad):
-        # What is not finite is refused by its own line, before equal vertices become one.
+        # Coordinates that are not finite are refused by their own line, before equal vertices become one.
         return Polygons(points, np.arange(len(points)), sizes, lines, [n for n, _ in facets])
     vertices, numbers = merged(points)
     return Polygons(vertices, numbers, sizes, lines, [number for number, _ in facets])

@@ -1,4 +1,4 @@
-"""Triangles of 3MF packages: all objects that the build plate names, at their places.
+"""Triangles of 3MF packages: all objects that the build plate names, transformed as it says.
 
 Follows the 3MF core specification 1.3 and the references to other parts of its production extension. Coordinates keep
 the unit of the package, by default millimeters.
@@ -21,14 +21,14 @@ from jhd._shapes.mesh import TriangleMesh
 _RELATIONS, _USUAL = "_rels/.rels", "3D/3dmodel.model"
 # Objects inside objects, which must not contain themselves.
 _MOST_LEVELS = 100
-# Extensions that leave the triangles as they are, and the one that is read.
+# Extensions that do not change the triangles, and the extension that is read.
 _HARMLESS = ("material", "trianglesets", "production")
-# All members together: so many times the size of the package, and so many bytes in any case.
+# Largest size of all members together: _TIMES times the size of the package, plus _ALWAYS bytes.
 _TIMES, _ALWAYS = 64, 1 << 26
 
 
 class _Placed:
-    """An object that is named elsewhere, with the map to its place."""
+    """A reference to an object by its key, with the matrix that places it."""
 
     def __init__(self, attributes: dict[str, str]):
         words = attributes.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split()
@@ -140,7 +140,7 @@ def _model(file: str, package: zipfile.ZipFile, name: str) -> tuple[dict[str, _O
 
 
 def _parse(file: str, package: zipfile.ZipFile, name: str, begun: Callable[[str, dict[str, str]], Any]) -> None:
-    """Calls a function with each element of the root's namespace: its name without it, and its attributes."""
+    """Call a function for each element in the root's namespace, with its local name and its attributes."""
     if name not in package.namelist():
         raise ParseError(f"3MF: the package has no part {shown(name)}.", file)
     parser = expat.ParserCreate(namespace_separator=" ")

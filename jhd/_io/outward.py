@@ -79,7 +79,7 @@ def _segment_rows(shape: AbstractCurve, points: np.ndarray) -> np.ndarray:
 
 
 def _surface_knots(surface: AbstractPatch) -> tuple[np.ndarray, np.ndarray]:
-    """The knots in u and in v; those of a patch are 0 and 1."""
+    """The knots in u and in v; 0 and 1 for a patch."""
     if isinstance(surface, BSplineSurface):
         return np.asarray(surface.knots_u, np.float64), np.asarray(surface.knots_v, np.float64)
     if not isinstance(surface, BezierPatch):
@@ -197,7 +197,7 @@ def _area(shapely: Any, chains: list[np.ndarray]) -> Any:
     return area
 
 
-# The share of the length that sums of lengths in another order may differ by.
+# Largest relative difference of sums of lengths in different orders.
 _LENGTH = 1e-9
 
 

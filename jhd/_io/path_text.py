@@ -21,11 +21,11 @@ _QUARTER = math.tan(math.pi / 8) * (1 + 1e-12)
 
 
 class Scanner:
-    """Reads numbers separated by white space or one comma; the place it stands at is `at`.
+    """Reader of numbers separated by white space or one comma; `at` is its position in the text.
 
     Args:
-        text: what is read.
-        what: its name in messages, for example "path data".
+        text: the text to read.
+        what: name of the text in messages, for example "path data".
     """
 
     def __init__(self, text: str, what: str):
@@ -34,7 +34,7 @@ class Scanner:
         self.at = 0
 
     def error(self, message: str) -> ParseError:
-        """The error that the message describes, at the present place."""
+        """A ParseError with the message and the current position."""
         line, column = place_in(self.text, self.at)
         return ParseError(f"{self.what}: {message}", line=line, column=column)
 
@@ -43,7 +43,7 @@ class Scanner:
         return repr(self.text[self.at]) if self.at < len(self.text) else "the end"
 
     def skip(self, pattern: re.Pattern[str] = _SPACE) -> None:
-        """Goes on behind the pattern where it matches here."""
+        """Move past the pattern if it matches here."""
         match = pattern.match(self.text, self.at)
         self.at = match.end() if match else self.at
 
@@ -53,7 +53,7 @@ class Scanner:
         return self.at == len(self.text)
 
     def more_numbers(self) -> bool:
-        """Whether a number follows, perhaps behind a comma; the scanner stays where it is."""
+        """Whether a number follows, perhaps after a comma; the scanner does not move."""
         match = _SEPARATOR.match(self.text, self.at)
         return _NUMBER.match(self.text, match.end() if match else self.at) is not None
 
@@ -103,7 +103,7 @@ class Scanner:
 
 
 class _Drawing:
-    """The contours drawn so far, the current point and what smooth commands reflect."""
+    """The contours drawn so far, the current point and the control point that smooth commands reflect."""
 
     def __init__(self):
         self.contours: list[Contour] = []
@@ -112,7 +112,7 @@ class _Drawing:
 
     @property
     def contour(self) -> Contour:
-        """The contour that is being drawn; behind a closed one a new one starts at its start."""
+        """The current contour; after a closed contour, a new one that starts at its start point."""
         if self.contours[-1].closed:
             self.contours.append(Contour(self.at))
         return self.contours[-1]
@@ -124,7 +124,7 @@ class _Drawing:
         return 2 * self.at - self.control[1]
 
     def draw(self, command: str, values: list[float]) -> None:
-        """Draws one command with one set of values."""
+        """Draw one command with one set of values."""
         name, origin = command.upper(), self.at if command.islower() else None
         control = None
         if name == "M":
@@ -179,7 +179,7 @@ def contours_of_path(d: str) -> list[Contour]:
 
 
 def _draw_all(scanner: Scanner, drawing: _Drawing, command: str) -> None:
-    """Draws a command as often as numbers follow; repeats of a move are lines."""
+    """Draw a command as often as numbers follow; repeats of a move are lines."""
     if command in "Zz":
         drawing.draw(command, [])
         return
@@ -194,13 +194,13 @@ def _draw_all(scanner: Scanner, drawing: _Drawing, command: str) -> None:
 def draw_arc(
     contour: Contour, radii: tuple[float, float], rotation: float, large: bool, sweep: bool, end: complex
 ) -> None:
-    """Appends the elliptic arc to `end` as rational quadratics of at most a quarter turn each.
+    """Append the elliptic arc to `end` as rational quadratics of at most a quarter turn each.
 
     In the coordinates where the ellipse is the unit circle, an arc of half angle h over the chord 2 v has its middle
     control point at J v tan(h) from the middle of the chord, J the turn by a right angle, with weight cos(h), and its
     own middle at J v tan(h/2); sin(h) = |v|. Nothing refers to the center, which may be far away. tan(h/2) is
     s / (1 + c) for small arcs and (1 + c) / s for large ones, so nothing cancels. Radii too small for the chord are
-    scaled up to a half turn, which leaves J v as it is.
+    scaled up to a half turn, which does not change J v.
 
     Args:
         contour: drawn from its end.
@@ -208,7 +208,7 @@ def draw_arc(
         rotation: angle of the first axis, in degrees.
         large: whether the arc turns by more than a half turn.
         sweep: whether it turns from x towards y.
-        end: where it ends; nothing is drawn where the contour is there already.
+        end: end point; nothing is drawn if the contour is there already.
 
     Source: SVG 1.1, appendix F.6; Piegl & Tiller, The NURBS Book (1997), section 7.3.
     """
@@ -229,13 +229,13 @@ def draw_arc(
     half = (end - contour.end) / 2 * axis.conjugate()
     sine = min(1.0, math.hypot(half.real / rx, half.imag / ry))
     cosine = math.sqrt((1 - sine) * (1 + sine))
-    # Of a chord that is nothing beside the radii, the far side is beyond the range of doubles, and refused as such.
+    # If the chord is tiny compared with the radii, the far side exceeds the range of doubles and is refused later.
     far = (1 + cosine) / sine if sine else math.inf
     _append_arc(contour, end, turned, far if large else sine / (1 + cosine))
 
 
 def _append_arc(contour: Contour, end: complex, turned: Callable[[complex], complex], tangent: float) -> None:
-    """Appends the arc whose tan(h/2) is `tangent`, halved until it turns by a quarter at most."""
+    """Append the arc whose tan(h/2) is `tangent`, halved until it turns by a quarter at most."""
     middle, half = (contour.end + end) / 2, (end - contour.end) / 2
     if tangent > _QUARTER:
         part = tangent / (1 + math.hypot(1.0, tangent))

@@ -24,7 +24,7 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
-# Of a number of rows; more than any file has bytes.
+# Largest number of rows; more than any file has bytes.
 _DIGITS = 18
 
 
@@ -41,12 +41,12 @@ class _PlyElement(NamedTuple):
     properties: list[_Property]
 
     def place(self, name: str) -> int:
-        """The place of the property of this name, or -1."""
+        """Index of the property of this name, or -1."""
         return next((k for k, p in enumerate(self.properties) if p.name == name), -1)
 
 
 def read_ply(file: object, content: bytes) -> Polygons:
-    """The vertices and polygons of a PLY file, no polygons where it has no element `face`.
+    """The vertices and polygons of a PLY file; no polygons if it has no element `face`.
 
     Raises:
         ParseError: a header or rows that cannot be read, with line or byte.
@@ -88,7 +88,7 @@ def write_ply(vertices: np.ndarray, triangles: np.ndarray, text: bool) -> bytes:
 
 
 def _header(file: object, content: bytes) -> tuple[str, list[_PlyElement], int, int]:
-    """The byte order (empty for text), the elements, the number of lines, and where the rows begin."""
+    """The byte order (empty for text), the elements, the number of lines, and the start of the rows."""
     end = re.search(rb"(?:^|\n|\r)end_header[ \t]*(\r\n|\n|\r)", content[: 1 << 20])
     if not content.startswith(b"ply") or end is None:
         raise ParseError("is not a PLY file: needs 'ply' at its start and a line 'end_header'.", file, 1)
@@ -127,7 +127,7 @@ def _property(file: object, words: list[str], line: int) -> _Property:
 
 
 def _check_properties(file: object, element: _PlyElement, before: set[str]) -> None:
-    """Raises ParseError if a vertex has no coordinates, a face no corners, or rows consist of nothing."""
+    """Raise ParseError if a vertex has no coordinates, a face no corners, or rows are empty."""
     if element.name in before:
         raise ParseError(f"has two elements {shown(element.name)}.", file)
     if element.count and not element.properties:
@@ -157,11 +157,11 @@ def _corners_of(element: _PlyElement) -> int:
     return max(element.place(name) for name in _CORNERS)
 
 
-# The rows of an element: the coordinates, or the corners and their numbers, and the places of the rows.
+# The rows of an element: the coordinates, or the corners and their counts, and the positions of the rows.
 _Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-# Reads the rows of the next element; and raises ParseError where something is left behind the last one.
+# Two functions: one reads the rows of the next element; one raises ParseError if data follow the last element.
 _Reader = tuple[Callable[[_PlyElement], _Rows], Callable[[], None]]
 
 
@@ -213,7 +213,7 @@ def _fields(file: object, words: list[str], element: _PlyElement, line: int) -> 
             raise ParseError(f"ends within {shown(p.name)}, which has {size} numbers.", file, line)
         fields.append(words[at : at + size])
         at += size
-    # What is left is counted as one more.
+    # Words left over become one more field.
     return [*fields, words[at:]] if at < len(words) else fields
 
 
@@ -239,7 +239,7 @@ def _binary(file: object, content: bytes, start: int, order: str) -> _Reader:
 
 
 def _even(content: bytes, at: int, order: str, element: _PlyElement) -> np.ndarray | None:
-    """The rows as a table where all are alike: every list as long as that of the first row; else, or of none, None."""
+    """The rows as a table if all lists are as long as in the first row; None otherwise, or if there are no rows."""
     if not element.count:
         return None
     types, sizes, offset = [], [], at
@@ -277,10 +277,10 @@ def _columns(element: _PlyElement, table: np.ndarray, places: np.ndarray) -> _Ro
 
 
 def _uneven(file: object, content: bytes, at: int, order: str, element: _PlyElement) -> tuple[_Rows, int]:
-    """The rows one by one, and where they end."""
+    """The rows, read one by one, and the position after them."""
     values, sizes, places = [], [], []
     wanted = [element.place(axis) for axis in "xyz"] if element.name == "vertex" else [_corners_of(element)]
-    # Rows of no property take no byte, so that their number bounds nothing.
+    # Rows without properties take no bytes, so the file does not bound their number.
     for k in range(element.count if element.properties else 0):
         places.append(at)
         fields = []
@@ -300,7 +300,7 @@ def _uneven(file: object, content: bytes, at: int, order: str, element: _PlyElem
 
 
 def _read(content: bytes, at: int, order: str, element: _PlyElement) -> Iterator[tuple[np.ndarray | None, int]]:
-    """The numbers of each property of one row, and where they end; None if the content does."""
+    """The numbers of each property of one row, each with the position after them; None if the content ends."""
     for p in element.properties:
         size = 1
         if p.length:

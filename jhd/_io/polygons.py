@@ -20,12 +20,12 @@ from jhd._distance.certificate.verification.pieces import integers
 from jhd._io.errors import ParseError, shown
 from jhd._shapes.mesh import TriangleMesh, places_of
 
-# Of indices and counts; less than 64 bits hold.
+# Largest index or count, within 64 bits.
 _MOST = 1 << 62
-# Corners of a polygon that is no fan: ears are looked for among all of them, in a second or two.
+# Most corners of a polygon that is no fan: the search for ears among all of them takes a second or two.
 _MOST_CORNERS = 1_000
-# Of the rounding of a product of two differences, less another one, as a share of the sum of both: four units in the
-# last place. And what is lost where they underflow.
+# Rounding of the difference of two products of differences, as a fraction of the sum of both: four units in the
+# last place; and a bound of what underflow loses.
 _ROUNDING, _UNDERFLOW = 8 * 2.0**-53, 1e-300
 
 _Place = tuple[int, int]
@@ -33,15 +33,15 @@ _Ear = tuple[int, int, int]
 
 
 class Polygons(NamedTuple):
-    """What a file holds.
+    """Vertices and polygons read from a file.
 
     Args:
         vertices: coordinates, (vertices, 3).
         corners: the indices of the corners of all polygons, one after the other.
         sizes: the number of corners of each polygon.
-        vertex_places: where each vertex is in the file: its line, or its byte.
-        polygon_places: the same of each polygon.
-        by_line: whether places are lines.
+        vertex_places: line or byte of each vertex in the file.
+        polygon_places: line or byte of each polygon in the file.
+        by_line: whether these are lines, not bytes.
     """
 
     vertices: np.ndarray
@@ -53,11 +53,11 @@ class Polygons(NamedTuple):
 
 
 def mesh_of(file: object, found: Polygons) -> TriangleMesh:
-    """The mesh of the polygons; those of more than three corners become triangles between their corners, see `ears`.
+    """The mesh of the polygons; polygons of more than three corners become triangles between corners, see `ears`.
 
     Raises:
         ParseError: no vertex, no polygon, a coordinate that is no finite number, a polygon of fewer than three corners,
-            or one that names a vertex that is not there, that crosses itself, or that is not convex and has very many
+            or a polygon that names a missing vertex, crosses itself, or is not convex and has very many
             corners.
     """
     vertices, corners, sizes = found.vertices, found.corners, found.sizes
@@ -128,7 +128,7 @@ def coordinates_in(file: object, rows: Sequence[Sequence[str]], lines: Sequence[
     except ValueError:
         numbers = []
     if len(numbers) < 3 * len(rows) or any(_has_underscore(row[:3]) for row in rows):
-        # Where something is wrong it is looked for, which takes longer than reading.
+        # An error is located only after reading has failed, as this takes longer.
         for row, line in zip(rows, lines, strict=True):
             if len(row) < 3:
                 raise ParseError(f"a vertex has {len(row)} coordinates; needs 3.", file, line)
@@ -166,7 +166,7 @@ def _check_words(file: object, kind: type, words: Sequence[str], line: int) -> N
 
 
 def _has_underscore(words: Sequence[str]) -> bool:
-    """Whether there is one, which Python takes between digits and files do not."""
+    """Whether a word has an underscore, which Python accepts between digits but no file format does."""
     return "_" in "".join(words)
 
 
@@ -183,11 +183,11 @@ def _refusal(file: object, message: str, place: Any, by_line: bool) -> ParseErro
 
 
 def are_fans(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Of polygons whether their fans are proven to be them; what floats do not decide counts as no.
+    """Whether each polygon is proven to be the union of its fan; False if floats do not decide.
 
     Args:
         corners: the coordinates of the corners of all polygons, one after the other, (corners, 3).
-        sizes: their numbers of corners, each at least 3.
+        sizes: number of corners of each polygon, at least 3.
     """
     first = np.cumsum(sizes) - sizes
     counts = sizes - 2
@@ -212,7 +212,7 @@ def _turns(p: np.ndarray, q: np.ndarray, ahead: np.ndarray) -> np.ndarray:
 
 
 def ears(corners: np.ndarray) -> list[_Ear] | None:
-    """As many triangles as a fan has, of the corners (corners, 3) of one polygon; None if it crosses itself."""
+    """Triangulate one polygon with corners (corners, 3) by ears, without new points; None if it crosses itself."""
     flat, _ = integers(corners.ravel().tolist())
     rows = [tuple(flat[k : k + 3]) for k in range(0, len(flat), 3)]
     fan = [(0, k, k + 1) for k in range(1, len(rows) - 1)]
@@ -220,13 +220,13 @@ def ears(corners: np.ndarray) -> list[_Ear] | None:
     normal = [sum(areas) for areas in doubled]
     axis = max(range(3), key=lambda k: abs(normal[k]))
     if not normal[axis]:
-        # Along a line, back and forth: its sides are the fan. Else it is as much one way around as the other.
+        # A polygon on a line is its own fan. Any other polygon of area zero crosses itself.
         return None if any(map(any, doubled)) else fan
     u, v = _SEEN[axis] if normal[axis] > 0 else _SEEN[axis][::-1]
     return _cut([(row[u], row[v]) for row in rows])
 
 
-# The axes of what is seen along each.
+# For each viewing axis, the two axes that are seen.
 _SEEN = ((1, 2), (2, 0), (0, 1))
 
 
@@ -240,7 +240,7 @@ def _turn(p: _Place, q: _Place, r: _Place) -> int:
 
 
 def _cut(places: Sequence[_Place]) -> list[_Ear] | None:
-    """The ears of a polygon in the plane of positive area."""
+    """The ears of a plane polygon of positive area, in the order of cutting; None if it crosses itself."""
     left, found, at, missed = list(range(len(places))), [], 0, 0
     straight = False
     while len(left) > 3:
@@ -261,7 +261,7 @@ def _cut(places: Sequence[_Place]) -> list[_Ear] | None:
 
 
 def _is_ear(places: Sequence[_Place], left: Sequence[int], ear: _Ear, straight: bool) -> bool:
-    """Whether a corner can be cut off; of those that do not turn, where these are meant."""
+    """Whether a corner can be cut off; if `straight`, only a corner that does not turn can."""
     p, q, r = (places[k] for k in ear)
     turn = _turn(p, q, r)
     if straight or turn <= 0:

@@ -141,7 +141,7 @@ def _flatten(name: str, value: Any) -> dict[str, np.ndarray]:
 
 
 def _is_member(value: Any) -> bool:
-    """Whether the value is a member of an enumeration, or a batch of members; equinox makes them Modules too."""
+    """Whether the value is a member of an enumeration, or a batch of members; in equinox these are Modules, too."""
     return hasattr(value, "_enumeration")
 
 

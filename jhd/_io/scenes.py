@@ -1,4 +1,4 @@
-"""Parts of a scene, each with its place, joined to one triangle mesh."""
+"""Parts of a scene, each with its transformation, joined to one triangle mesh."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from jhd._io.errors import ParseError
 from jhd._io.polygons import merged
 from jhd._shapes.mesh import TriangleMesh
 
-# A file of some kilobytes can place a mesh again and again.
+# Limits, as a file of some kilobytes can repeat a mesh again and again.
 _MOST_PARTS, _MOST_TRIANGLES = 20_000, 20_000_000
 
 

@@ -20,20 +20,20 @@ from jhd._io.errors import ParseError, shown
 from jhd._io.path_text import contours_of_path
 from jhd._io.svg_elements import Element, Viewport, compose, translation
 
-# Elements that are drawn, where `use` repeats them: so many times as there are in the file, and so many in any case.
+# Most elements drawn, with repetitions by `use`: this many times the elements of the file, plus a constant.
 _TIMES_DRAWN, _ALWAYS_DRAWN = 10, 100_000
-# Uses inside of what is used.
+# Most levels of nested uses.
 _MOST_USES = 8
-# Other values are those of the element around.
+# Any other value is inherited from the parent element.
 _VISIBLE = {"visible": True, "initial": True, "hidden": False, "collapse": False}
 
 
 def contours_of_shape(element: Element, viewport: Viewport) -> list[Contour]:
-    """The contours of a basic shape or a path; none where a size is zero, as the standard says.
+    """The contours of a basic shape or a path; none if a size is zero, as the standard says.
 
     Args:
-        element: one whose tag is that of a basic shape.
-        viewport: what percentages refer to.
+        element: a basic shape or a path.
+        viewport: width and height to which percentages refer.
 
     Raises:
         ParseError: an attribute that is no length or no list of numbers, or a negative size.
@@ -63,7 +63,7 @@ def _rect(element: Element, viewport: Viewport) -> list[Contour]:
         raise element.error("draws points beyond the range of doubles.")
     if rx == 0 or ry == 0:
         return contours_of_path(f"M{x!r} {y!r}H{right!r}V{bottom!r}H{x!r}Z")
-    # One number where opposite corners meet: rounding would leave a side of an ulp.
+    # If opposite corners meet they need one common number: rounding would leave a side of an ulp.
     x0, y0 = x + rx, y + ry
     x1, y1 = x0 if rx == width / 2 else right - rx, y0 if ry == height / 2 else bottom - ry
     arc = f"A{rx!r} {ry!r} 0 0 1"
@@ -83,7 +83,7 @@ def _sizes(element: Element, viewport: Viewport, names: tuple[str, str]) -> tupl
 
 
 def _radii(element: Element, viewport: Viewport) -> tuple[float, float]:
-    """The radii rx and ry, not negative; one stands for both where the other is missing or `auto`."""
+    """The radii rx and ry, not negative; a missing or `auto` radius equals the other."""
     given = [name for name in ("rx", "ry") if element.attributes.get(name, "auto") != "auto"]
     return _sizes(element, viewport, (given[0], given[-1])) if given else (0.0, 0.0)
 
@@ -95,7 +95,7 @@ def _ellipse(element: Element, viewport: Viewport) -> list[Contour]:
     rx, ry = _sizes(element, viewport, ("r", "r")) if circle else _radii(element, viewport)
     if rx == 0 or ry == 0:
         return []
-    # Written out, not drawn as arcs: the corners of the box are exact where their sums are.
+    # Written out, not drawn as arcs: then the corners of the box are exact if their sums are.
     corners = [complex(cx + rx * u, cy + ry * v) for u, v in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     ends = [complex(cx, cy + ry), complex(cx - rx, cy), complex(cx, cy - ry), complex(cx + rx, cy)]
     contour = Contour(ends[-1])
@@ -137,26 +137,26 @@ _SHAPES = {
     "polygon": _polyline,
 }
 _DRAWN = frozenset(("svg", "g", "a", "switch", "use", *_SHAPES))
-# What a `switch` may choose; text and pictures are no curves.
+# Elements that a `switch` may choose; text and pictures are no curves.
 _CHOSEN = _DRAWN | {"text", "image", "foreignObject"}
 
 
 class Drawn(NamedTuple):
-    """The contours of one shape in the coordinates of the root, and the ids of it and of all that it is inside."""
+    """The contours of one shape in the coordinates of the root, and the ids of the shape and all its parents."""
 
     contours: list[Contour]
     ids: frozenset[str]
 
 
 class _DrawnPlace(NamedTuple):
-    """Where an element is drawn: its coordinates, the ids around it and the `use` elements it came through."""
+    """Context in which an element is drawn: coordinates, ids of parents and of `use` elements that led to it."""
 
     matrix: np.ndarray
     viewport: Viewport
     ids: frozenset[str]
     uses: tuple[str, ...]
     visible: bool
-    # How many elements may still be drawn in all, counted down.
+    # The number of elements that may still be drawn in all, counted down.
     left: list[int]
 
 
@@ -164,14 +164,14 @@ def drawn_shapes(root: Element) -> Iterator[Drawn]:
     """Every shape that is drawn, in order, in user units of the root.
 
     viewBox and size of the root itself set the scale of the paper and not the drawing: they are not applied, and only
-    say what percentages refer to.
+    give the size to which percentages refer.
 
     Raises:
-        ParseError: whatever cannot be placed exactly, with the line and column of its element.
+        ParseError: an element that cannot be placed exactly, with its line and column.
     """
     if root.property("display") == "none":
         return
-    # Its size is that of the paper.
+    # The size of the root is the size of the paper.
     root.check_placed_by_attributes(sizes=False)
     named: dict[str, Element] = {}
     left = [_ALWAYS_DRAWN + _TIMES_DRAWN * _collect_ids(root, named)]
@@ -187,7 +187,7 @@ def drawn_shapes(root: Element) -> Iterator[Drawn]:
 
 
 def _collect_ids(element: Element, named: dict[str, Element]) -> int:
-    """Finds what is inside of an element by its id, and counts it."""
+    """Store the descendants of an element by id in `named`, and return the number of descendants."""
     count = len(element.children)
     for child in element.children:
         if "id" in child.attributes:
@@ -197,7 +197,7 @@ def _collect_ids(element: Element, named: dict[str, Element]) -> int:
 
 
 def _enter(element: Element, place: _DrawnPlace) -> _DrawnPlace:
-    """The place inside an element: its transform applied, its id added."""
+    """The context inside an element: its transform applied, its id added."""
     name = element.attributes.get("id")
     ids = place.ids if name is None else place.ids | {name}
     visible = _VISIBLE.get(element.property("visibility"), place.visible)
@@ -205,6 +205,7 @@ def _enter(element: Element, place: _DrawnPlace) -> _DrawnPlace:
 
 
 def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> Iterator[Drawn]:
+    """The shapes drawn by an element in a context: itself, its children, or the element that it uses."""
     if element.tag not in _DRAWN or element.property("display") == "none" or not _is_meant(element):
         return
     element.check_placed_by_attributes()
@@ -235,10 +236,10 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
 
 
 def _is_meant(element: Element) -> bool:
-    """Whether the conditions of an element hold. Extensions of SVG are not read, so those that need one are left out.
+    """Whether the conditions of an element hold; never if it needs an extension of SVG, as none is read.
 
     Raises:
-        ParseError: an element for readers of some language.
+        ParseError: an element restricted to a language.
     """
     if "requiredExtensions" in element.attributes:
         return False
@@ -248,7 +249,7 @@ def _is_meant(element: Element) -> bool:
 
 
 def _used(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> tuple[Element, _DrawnPlace]:
-    """What a `use` draws, and where. A symbol is drawn as a nested `svg` of the size that the `use` gives."""
+    """The element that a `use` draws, and its context; a symbol becomes a nested `svg` of the size of the `use`."""
     href = element.attributes.get("href") or element.attributes.get("http://www.w3.org/1999/xlink href", "")
     name = href[1:]
     if not href.startswith("#"):

@@ -31,7 +31,7 @@ _SIZES = {
     "svg": _BOX, "use": _BOX, "rect": (*_BOX, "rx", "ry"), "circle": ("cx", "cy", "r"),
     "ellipse": ("cx", "cy", "rx", "ry"), "path": ("d",),
 }  # fmt: skip
-# A comment that does not end is one to the end.
+# A comment without an end extends to the end of the text.
 _COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)", re.DOTALL)
 _IMPORTED = re.compile(r"(@import\b[^;]*)")
 _SHEET = re.compile(
@@ -40,10 +40,10 @@ _SHEET = re.compile(
     + r")\s*:)"
 )
 
-# Elements in elements.
+# Most levels of nested elements.
 _DEEPEST = 200
-# Entities and defaults may make the text of attributes and style sheets so many times as long as the file, and so long
-# in any case.
+# Entities and defaults may expand the text of attributes and style sheets to this many times the file, plus a
+# constant.
 _TIMES_GROWN, _ALWAYS_GROWN = 10, 100_000
 
 # Width and height of the surrounding viewport in user units; None if the file does not say.
@@ -67,11 +67,11 @@ class Element:
         return {name.strip(): value.partition("!")[0].strip() for name, _, value in pairs}
 
     def property(self, name: str) -> str:
-        """The value of a property, of the attribute `style` before that of its own, in small letters."""
+        """The value of a property in small letters; the attribute `style` precedes the attribute of this name."""
         return self.style.get(name, self.attributes.get(name, "").strip().lower())
 
     def check_placed_by_attributes(self, sizes: bool = True) -> None:
-        """Raises ParseError if the element has a place, or one of its sizes, from what is not read."""
+        """Raise ParseError if a property that is not read moves the element or sets one of its sizes."""
         for name in (*_MOVING, *(_SIZES.get(self.tag, ()) if sizes else ())):
             moves = name not in _MOVING_WITH or "transform" in self.attributes
             given = name in self.style and (self.style[name] != "none" or name in self.attributes)
@@ -80,14 +80,14 @@ class Element:
                 raise self.error(f"has {name}{where}, which is not read; needs attributes: transform, x, y, r ...")
 
     def error(self, message: str) -> ParseError:
-        """The error that the message describes, at this element."""
+        """A ParseError with the message and the position of this element."""
         return ParseError(f"<{self.tag[:60]}> {message}", line=self.line, column=self.column)
 
     def numbers(self, name: str, text: str | None = None) -> list[float]:
         """The list of numbers in the attribute, or in a part of its text.
 
         Raises:
-            ParseError: anything else is in it.
+            ParseError: the text has anything else.
         """
         text = self.attributes.get(name, "") if text is None else text
         try:
@@ -96,7 +96,7 @@ class Element:
             raise self.error(f"{error.reason} (column {error.column} of {shown(text)})") from error
 
     def length(self, name: str, viewport: Viewport, default: str = "0") -> float:
-        """The attribute in user units; percentages refer to the viewport, those of other names to its mean diagonal.
+        """The attribute in user units; percentages refer to a side of the viewport or to its mean diagonal.
 
         Raises:
             ParseError: no number, an unknown or relative unit, a percentage of an unknown viewport.
@@ -113,7 +113,7 @@ class Element:
         return value
 
     def _whole(self, name: str, text: str, viewport: Viewport) -> float:
-        """What percentages of the attribute refer to."""
+        """The length to which percentages of the attribute refer."""
         if viewport is None:
             raise self.error(
                 f"has {name} {shown(text)}; percentages need a viewBox, or a width and height, of the root."
@@ -151,7 +151,7 @@ class Element:
 
 
 class _DocumentBuilder:
-    """Hears of the parts of a document from its parser and builds the elements; `left` counts their text down."""
+    """Handlers of an XML parser that build the elements of a document; `left` counts down the allowed text."""
 
     def __init__(self, parser: Any, left: int):
         self.parser, self.left, self.sheet = parser, left, []
@@ -161,7 +161,7 @@ class _DocumentBuilder:
         parser.CharacterDataHandler, parser.ProcessingInstructionHandler = self.text, self.instruction
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
-        """An element begins."""
+        """Handle the start of an element."""
         place = self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
         element = Element(name.removeprefix(_NAMESPACE), attributes, *place)
         if len(self.stack) > _DEEPEST:
@@ -171,26 +171,26 @@ class _DocumentBuilder:
         self.grow(sum(map(len, attributes.values())))
 
     def text(self, part: str) -> None:
-        """Text stands in an element."""
+        """Handle text in an element."""
         if self.stack[-1].tag == "style":
             self.grow(len(part))
             self.sheet.append(part)
 
     def instruction(self, target: str, _: str) -> None:
-        """A processing instruction, as `<?xml-stylesheet ...?>`."""
+        """Handle a processing instruction, for example `<?xml-stylesheet ...?>`."""
         if target == "xml-stylesheet":
             line, column = self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
             raise ParseError("names a style sheet, which is not read; needs attributes.", line=line, column=column)
 
     def end(self, _: str) -> None:
-        """An element ends."""
+        """Handle the end of an element."""
         element = self.stack.pop()
         if element.tag == "style":
             _check_sheet(element, "".join(self.sheet))
             self.sheet.clear()
 
     def grow(self, count: int) -> None:
-        """Raises ParseError if the texts that are kept are far longer than the file."""
+        """Count text that is kept; raise ParseError if it is far longer than the file."""
         self.left -= count
         if self.left < 0:
             raise self.stack[-1].error(f"grows the file to more than {_TIMES_GROWN} times its length, by entities.")
@@ -240,7 +240,7 @@ def translation(x: float, y: float) -> np.ndarray:
 
 def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
     """The matrix (2, 3) of x -> outer(inner(x))."""
-    # What leaves the range of doubles is refused where points are drawn by it.
+    # Matrices beyond the range of doubles are refused when points are transformed.
     with np.errstate(over="ignore", invalid="ignore"):
         product = outer[:, :2] @ inner
         product[:, 2] += outer[:, 2]

@@ -2,7 +2,7 @@
 
 Polynomial segments of degree 1 to 3 keep their numbers. A rational quadratic whose middle weight is below the geometric
 mean of the others is an arc of an ellipse. It is written as an arc (A) if the arc that is read back from the numbers is
-proven to be close enough. The same holds for a rational cubic that is such a quadratic in a higher degree. Everything
+proven to be close enough. A rational cubic that is such a quadratic in a higher degree is treated equally. Everything
 else is drawn by cubics within a tolerance.
 
 The proof for arcs compares rational segments of one degree, c with points P_i and weights w_i, and c' with P'_i, w'_i.
@@ -27,7 +27,7 @@ from jhd._io.path_text import draw_arc
 from jhd._shapes.curve import BezierSegments
 
 _LETTERS = {1: "L", 2: "Q", 3: "C"}
-# Arcs are exact up to rounding where no tolerance is given: this share of the largest coordinate.
+# Arcs are exact up to rounding if no tolerance is given: this fraction of the largest coordinate.
 ROUNDING = 1e-12
 _ULPS = 64 * 2.0**-52
 # Half axes and angles are written in as few digits as the tolerance allows.
@@ -41,10 +41,10 @@ def path_words(contours: list[Contour], tolerance: float | None) -> str:
 
     Args:
         contours: polynomial and rational segments of any degree above 0.
-        tolerance: how far the text may be from the curve; None for what is exact, and for arcs up to rounding.
+        tolerance: largest distance of the text from the curve; None for exact segments, and arcs up to rounding.
 
     Raises:
-        ValueError: a segment that is none of these, and no tolerance.
+        ValueError: tolerance is None and a segment is neither exact nor an arc.
     """
     largest = max((abs(p) for contour in contours for part in contour.segments for p in part.points), default=0.0)
     words = []
@@ -76,12 +76,12 @@ def _segment_words(segment: Segment, largest: float, tolerance: float | None) ->
 
 
 def pair(point: complex) -> str:
-    """The two coordinates with all of their digits."""
+    """The two coordinates with all their digits."""
     return f"{point.real!r},{point.imag!r}"
 
 
 def _arcs(points: tuple[complex, ...], weights: tuple[float, ...], tolerance: float) -> list[str] | None:
-    """The segment as arcs of at most a quarter turn within tolerance, None if it is none."""
+    """The segment as arcs of at most a quarter turn within tolerance; None if it is no arc."""
     p, w, off = np.array(points), np.array(weights) / max(weights), 0.0
     largest = float(np.abs(p).max())
     if len(p) == 4:
@@ -99,7 +99,7 @@ def _arcs(points: tuple[complex, ...], weights: tuple[float, ...], tolerance: fl
 
 
 def _lowered(p: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """A cubic as a quadratic, and how far off that is; the cubic where a weight would not be positive."""
+    """A cubic as a quadratic, and a bound of its deviation; the cubic itself if a weight would not be positive."""
     weight = 0.25 * (3 * w[1] - w[0] + 3 * w[2] - w[3])
     if weight <= 0:
         return p, w, 0.0
@@ -112,14 +112,14 @@ def _lowered(p: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, floa
 
 
 def _apart(p: np.ndarray, w: np.ndarray, other: np.ndarray, weights: np.ndarray) -> float:
-    """A bound of the distance of two rational segments at equal parameters, rounding of the control points aside."""
+    """Bound of the distance of two rational segments at equal parameters, without rounding of control points."""
     size = float(np.abs(p[:, None] - p).max())
     share = float((np.abs(weights - w) / weights).max()) + _ULPS
     return (float(np.abs(other - p).max()) + share * size) * (1 + 1e-12)
 
 
 def _quarters(p: np.ndarray, weight: float) -> Iterator[tuple[complex, complex, float, complex]]:
-    """Corner, end, weight and start of the arc, in halves where it turns further than a quarter."""
+    """Corner, end, weight and start of the arc, or of both halves if it turns by more than a quarter."""
     start, corner, end = (complex(x) for x in p)
     if weight >= math.sqrt(0.5) * (1 - 1e-15):
         yield corner, end, weight, start

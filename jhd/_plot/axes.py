@@ -33,7 +33,7 @@ def finish(ax: Any) -> None:
     ax.set_aspect("equal")
     ax.tick_params(labelsize=TEXT_POINTS)
     if ax.name == "3d":
-        ax.locator_params(nbins=4)  # the shorter axes are seen at a slant, where more labels run into each other
+        ax.locator_params(nbins=4)  # the shorter axes appear at a slant, so that more labels would overlap
     for name in "xyz" if ax.name == "3d" else "xy":
         getattr(ax, f"set_{name}label")(f"${name}$", fontsize=TEXT_POINTS)
 

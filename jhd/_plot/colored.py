@@ -11,16 +11,16 @@ from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 
-# Triangles and lines of a picture, about; more take many seconds to draw.
+# Approximate number of triangles and lines of a picture; more take many seconds to draw.
 _TRIANGLES, _LINES = 16_000, 3_000
-# Colors that can be told from each other between none and the largest distance.
+# Distinguishable colors between zero and the largest distance.
 _COLORS = 256
 # Cells along each axis of an implicit surface.
 _CELLS = 48
 
 
 class DrawnPieces(NamedTuple):
-    """Points, and which of them make the pieces: one of them a point, two a line, three a triangle."""
+    """Points, and rows of their numbers: one number is a point, two are a line, three a triangle."""
 
     points: np.ndarray
     rows: np.ndarray
@@ -47,11 +47,11 @@ def pieces_of(shape: Any) -> DrawnPieces:
 def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSamples | None = None) -> np.ndarray:
     """The distances of drawn points to a shape, exact to the resolution of the colors.
 
-    Distances differ by no more than the points are apart, so those of samples are taken where they tell the color.
+    Distances are 1-Lipschitz, so the distance of a nearby sample is used if it determines the color.
 
     Args:
         points: points on the shape that is colored, (points, dim).
-        b: the shape that distances are taken to.
+        b: the shape to which distances are taken.
         top: the largest distance.
         samples: known distances, if any.
     """
@@ -69,7 +69,7 @@ def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSample
 
 
 def _of_mesh(mesh: TriangleMesh) -> DrawnPieces:
-    """The triangles, each cut into equal ones where there are few."""
+    """The triangles; if there are few, each is cut into equal parts."""
     corners = np.asarray(mesh.corners, float)
     n = int(np.clip(np.sqrt(_TRIANGLES / len(corners)), 1, 32))
     if n == 1:
@@ -105,7 +105,7 @@ def _of_curve(curve: AbstractCurve) -> DrawnPieces:
 
 
 def _joined(points: np.ndarray, rows: np.ndarray) -> DrawnPieces:
-    """The same pieces of each of several groups of points (groups, points, dim)."""
+    """The pieces `rows` repeated for each of several groups of points (groups, points, dim)."""
     count, size, dim = points.shape
     every = np.arange(count)[:, None, None] * size + rows
     return DrawnPieces(points.reshape(-1, dim), every.reshape(-1, rows.shape[1]))

@@ -120,7 +120,7 @@ def distance_profile(
     place = np.arange(pieces.count)[:, None] + t
     line = _with_gaps(pieces, np.stack([place, distances], axis=-1))
     style = {"linewidth": 1.2} if pieces.degree else {"linestyle": "none", "marker": "."}
-    # Many boundaries would hide the profile; every second or tenth of them would say nothing.
+    # Many boundaries would hide the profile; a selection of them would have no meaning.
     if 1 < pieces.count <= 64 and pieces.degree:
         for k in range(1, pieces.count):
             ax.axvline(k, color=GRAY, linewidth=0.4, alpha=0.35, zorder=0, gid="segment_boundary")
@@ -148,7 +148,7 @@ def distance_profile(
 
 
 def check_pair(a: AbstractCurve, b: AbstractCurve) -> None:
-    """Raises an error unless both are curves of one dimension."""
+    """Raise an error unless both are curves of one dimension."""
     check_curve("a", a)
     check_curve("b", b)
     dims = a.segments().dim, b.segments().dim
@@ -166,7 +166,7 @@ def _sample(pieces: BezierSegments, t: np.ndarray) -> np.ndarray:
 
 
 def _with_gaps(pieces: BezierSegments, samples: np.ndarray) -> np.ndarray:
-    """The rows of all segments (segments, samples, width) as one list; a NaN row where the next does not follow."""
+    """The rows of all segments (segments, samples, width) as one list; a NaN row if the next one does not follow."""
     rows: list[np.ndarray] = []
     gap = np.full((1, samples.shape[-1]), np.nan)
     for k, next_segment in enumerate(np.asarray(pieces.next_segment)):
@@ -189,7 +189,7 @@ def _local_maxima(distances: np.ndarray, next_segment: np.ndarray) -> np.ndarray
 
 
 def _mark_level(ax: Any, pieces: BezierSegments, solution: HausdorffSolution) -> None:
-    """The value as a horizontal line and, where the witness lies on this curve, its place."""
+    """Draw the value as a horizontal line and, if the witness lies on this curve, the witness."""
     if np.ndim(solution.value) > 0:
         raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; draw one at a time.")
     value = float(solution.value)
@@ -199,7 +199,7 @@ def _mark_level(ax: Any, pieces: BezierSegments, solution: HausdorffSolution) ->
         return
     here = _sample(pieces, np.atleast_1d(t))[int(segment), 0]
     size = np.max(np.abs(pieces.control_points))
-    if np.max(np.abs(here - point)) <= 1e-5 * size:  # wide enough for float32, far below what the eye sees
+    if np.max(np.abs(here - point)) <= 1e-5 * size:  # wide enough for float32, far below visible differences
         place = np.array([[segment + t * (pieces.degree > 0), value]])
         edge = {"markeredgecolor": "black", "markeredgewidth": 0.8, "zorder": 5, "clip_on": False}
         draw(ax, place, "witness", marker="o", markersize=5.5, color=VERMILLION, linestyle="none", **edge)

@@ -15,11 +15,11 @@ from jhd._results.solution import HausdorffSolution, name_of
 from jhd._shapes.as_shape import Shape, ShapeLike, as_shape
 from jhd._shapes.foreign import Axes
 
-# Seen in gray and by the color-blind, and as bright on paper as far.
+# Readable in gray and by color-blind readers.
 _COLORS = "viridis"
 # Height of a whole picture as a fraction of its width, in a column.
 _TALL = 1.5
-# Where a whole picture has the shape in space or in the plane, the color bar, the histogram and the inset.
+# Positions in a whole picture of the shape in space or in the plane, the color bar, the histogram and the inset.
 _SPACE, _PLANE, _BAR = (0.05, 0.45, 0.63, 0.52), (0.18, 0.5, 0.53, 0.47), (0.76, 0.52, 0.03, 0.44)
 _HISTOGRAM, _SECTION = (0.16, 0.1, 0.38, 0.23), (0.655, 0.1, 0.33, 0.23)
 # The inset of a picture that has no histogram.
@@ -179,7 +179,7 @@ def histogram(
 
 
 def _weights_below(ends: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The weight of distances up to each of the ends, where those of a part lie evenly between its bounds."""
+    """The weight of distances up to each of the ends; the distances of a part lie evenly between its bounds."""
     width = upper - lower
     some = width > 0
     return np.array(
@@ -202,6 +202,7 @@ class _ColoredPair(NamedTuple):
 
 
 def _whole(shown: _ColoredPair, witness: bool, color_bar: bool, section: tuple[float, ...]) -> Any:
+    """A new figure with the colored shape, its color bar and the inset; return the axes of the shape."""
     import matplotlib.pyplot as plt
 
     figure = plt.figure(figsize=(COLUMN_INCHES, _TALL * COLUMN_INCHES))
@@ -259,7 +260,7 @@ def _length(what: str, labels: Sequence[str], unit: str | None) -> str:
 
 
 def _as_points(ax: Any, pieces: DrawnPieces, rgba: np.ndarray) -> None:
-    # The colors are the distances: those of far points do not fade.
+    # The colors are the distances: colors of far points do not fade.
     style = {"depthshade": False} if ax.name == "3d" else {}
     ax.scatter(*pieces.points.T, c=rgba, s=6, linewidths=0, gid="deviation", **style)
 
@@ -303,7 +304,7 @@ def _sized(ax: Any, extent: np.ndarray) -> None:
 
 
 def _turned(ax: Any, outward: np.ndarray) -> None:
-    """Turns the view so that a place in this direction from the middle is seen from the front."""
+    """Turn the view so that a point in this direction from the middle is seen from the front."""
     level = float(np.hypot(outward[0], outward[1]))
     azimuth = np.degrees(np.arctan2(outward[1], outward[0])) + 25 if level > 0 else -60.0
     steep = np.degrees(np.arctan2(outward[2], level)) if np.any(outward != 0) else 25.0
@@ -336,13 +337,13 @@ def _inset(shown: _ColoredPair, ax: Any) -> None:
     ax.set_xticks([])
     ax.set_yticks([])
     place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
-    # The marks need no names: they are those of the picture above.
+    # The marks need no names: they match the picture above.
     ax.legend(fontsize=TEXT_POINTS, frameon=False, handlelength=1.8, labelspacing=0.2, **place)
     ax.set_xlabel(distance_text(found).replace(" ≤ $d$ ≤ ", " ≤ $d$\n≤ "), fontsize=TEXT_POINTS)
 
 
 def _across(shape: Any, point: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """A direction along the shape at a place, made normal to `up`."""
+    """A unit direction along the shape at a point, made normal to `up`."""
     if len(up) == 2:
         return np.array([up[1], -up[0]])
     pieces = pieces_of(shape)
@@ -377,7 +378,7 @@ def _flat_lines(shape: Any, point: np.ndarray, axes: np.ndarray, reach: float) -
 
 
 def _chained(lines: np.ndarray, room: float) -> np.ndarray:
-    """Lines (lines, 2, 2) put together where they meet, so that dashes run on; rows of NaN part what does not."""
+    """Join lines (lines, 2, 2) at common ends, so that dashes continue; rows of NaN separate the joined lines."""
     rows = np.arange(len(lines))
     ends: dict[tuple[int, ...], list[int]] = {}
     keys = [[tuple(end) for end in line] for line in np.round(lines / room).astype(np.int64).tolist()]

@@ -15,18 +15,18 @@ from jaxtyping import Float, Int
 
 from jhd._plot.axes import draw, finish
 
-# Faces of planes that are tried at each node; the one that cuts fewest others is taken.
+# Faces whose planes are tried at each node; the plane that cuts fewest faces is taken.
 _TRIED = 6
 # Tolerance for lying in a plane, as a fraction of the total size.
 _FLAT = 1e-9
-_LIGHT = np.array([0.35, -0.5, 0.79])  # where the light comes from, above the left shoulder of the usual view
+_LIGHT = np.array([0.35, -0.5, 0.79])  # direction to the light, above the left shoulder of the usual view
 _SHADE = 0.45  # fraction of a color that faces turned from the light lose
-# So many triangles, which are large, are drawn in their right order, cut in so many parts at most; others by depth.
+# Up to _FEW triangles, which are large, are drawn in exact order, cut into at most _PARTS parts; more by depth.
 _FEW, _PARTS = 400, 4000
 
 
 class _Node(NamedTuple):
-    """A plane, the faces in it, and the nodes on the side of the normal and on the other; -1 where there is none."""
+    """A plane, the faces in it, and the nodes on the side of the normal and on the opposite side; -1 for none."""
 
     plane: np.ndarray
     faces: np.ndarray
@@ -37,8 +37,8 @@ class DepthTree:
     """Convex flat faces, some cut in parts, and the order in which they are drawn for any eye.
 
     Args:
-        corners: of the faces, (faces, corners, 3); a corner may stand there twice.
-        most: parts at most.
+        corners: corners of the faces, (faces, corners, 3); a corner may be repeated.
+        most: largest number of parts.
 
     Raises:
         ValueError: there would be more parts.
@@ -64,7 +64,7 @@ class DepthTree:
         """The parts from back to front.
 
         Args:
-            eye: where it is, in homogeneous coordinates; of a parallel projection the direction to it, and 0.
+            eye: its homogeneous coordinates; for a parallel projection the direction to it, and 0.
         """
         found: list[np.ndarray] = []
         # A node is looked at twice: the far side and itself are put on the stack below the near side.
@@ -81,7 +81,7 @@ class DepthTree:
         return np.concatenate(found)
 
     def _parted(self, rows: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """A plane, and which faces lie in it, on its side and on the other; those that it crosses are cut."""
+        """A plane, and the faces in it, on the side of its normal and on the opposite side; crossing faces are cut."""
         plane = self._plane(rows)
         height = self._heights(rows, plane)
         above, below = np.max(height, axis=1) > self._flat, np.min(height, axis=1) < -self._flat
@@ -94,13 +94,13 @@ class DepthTree:
         ]
 
     def _plane(self, rows: np.ndarray) -> np.ndarray:
-        """Of the planes of some of the faces that which cuts fewest."""
+        """The plane, among planes of some of the faces, that cuts fewest faces."""
         planes = [
             self._plane_of(int(row)) for row in rows[np.linspace(0, len(rows) - 1, min(_TRIED, len(rows))).astype(int)]
         ]
         heights = [self._heights(rows, plane) for plane in planes]
         cuts = [np.sum((x.max(axis=1) > self._flat) & (x.min(axis=1) < -self._flat)) for x in heights]
-        # A face without area has no plane, and leaves the others as they are.
+        # A face without area has no plane, and would not separate the others.
         cuts = [count if np.any(plane) else len(rows) + 1 for count, plane in zip(cuts, planes, strict=True)]
         return planes[int(np.argmin(cuts))]
 
@@ -116,7 +116,7 @@ class DepthTree:
         return self.parts[rows] @ plane[:3] + plane[3]
 
     def _cut(self, row: int, plane: np.ndarray) -> tuple[int, int]:
-        """Both parts of a face: on the side of the normal, in the place of the face, and on the other, a new one."""
+        """Cut a face; return the rows of the part on the side of the normal, which replaces it, and of the new part."""
         if len(self.parts) >= self._most:
             raise ValueError(f"there would be more than {self._most} parts.")
         corners = self.parts[row]
@@ -141,12 +141,12 @@ def _padded(corners: np.ndarray, width: int) -> np.ndarray:
 
 
 def eye_of(projection: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, " 4"]:
-    """Where a projection of homogeneous coordinates, whose third one grows with the depth, is seen from.
+    """The eye of a projection of homogeneous coordinates, the third of which grows with the depth.
 
-    That is what has no place in the picture: the first, second and fourth coordinate are zero.
+    It is the point without image: its first, second and fourth projected coordinates are zero.
     """
     eye = np.linalg.svd(projection[[0, 1, 3]])[2][-1]
-    # At a parallel projection the eye is infinitely far away, where it is not deep.
+    # In a parallel projection the eye is infinitely far away, on the side of small depth.
     parallel = abs(eye[3]) <= 1e-9 * np.max(np.abs(eye))
     return -np.sign(projection[2] @ eye) * np.append(eye[:3], 0.0) if parallel else eye / eye[3]
 
@@ -154,7 +154,7 @@ def eye_of(projection: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, " 4"]:
 def shaded_shapes(
     ax: Any, faces: Sequence[np.ndarray], colors: Sequence[str], labels: Sequence[str | None], alpha: float
 ) -> None:
-    """Several shapes (faces, 4, 3), drawn as one, so that those in front hide others, with keys for a legend."""
+    """Draw several shapes (faces, 4, 3) as one, so that faces in front hide others, with keys for a legend."""
     rgb = np.repeat([rgb_of(color) for color in colors[: len(faces)]], [len(own) for own in faces], axis=0)
     corners = np.concatenate(faces)
     tree = _tree(corners)
@@ -167,7 +167,7 @@ def shaded_shapes(
 
 
 def add_faces(ax: Any, corners: np.ndarray, rgb: np.ndarray, gid: str, alpha: float, **style: Any) -> None:
-    """Quadrilaterals in colors that fade where they are turned from the light, whichever side is seen."""
+    """Add quadrilaterals, on both sides in colors that fade if they are turned from the light."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     colors = _shaded(corners, rgb, alpha)
@@ -188,7 +188,7 @@ def _shaded(corners: np.ndarray, rgb: np.ndarray, alpha: float) -> np.ndarray:
 
 
 def _tree(corners: np.ndarray) -> DepthTree | None:
-    """The tree of few triangles, as quadrilaterals (faces, 4, 3) with the last corner twice; None of all else."""
+    """The tree of few triangles, as quadrilaterals (faces, 4, 3) with the last corner twice; None for other faces."""
     if len(corners) > _FEW or np.any(corners[:, 2] != corners[:, 3]):
         return None
     try:
@@ -198,7 +198,7 @@ def _tree(corners: np.ndarray) -> DepthTree | None:
 
 
 def _add_in_order(ax: Any, tree: DepthTree, colors: np.ndarray) -> None:
-    """The parts of a tree, sorted whenever they are drawn, from where they are seen then."""
+    """Add the parts of a tree, sorted for the current view each time they are drawn."""
     from matplotlib.collections import PolyCollection
     from mpl_toolkits.mplot3d.proj3d import proj_transform
 
@@ -206,7 +206,7 @@ def _add_in_order(ax: Any, tree: DepthTree, colors: np.ndarray) -> None:
 
     class SortedFaces(PolyCollection):
         def do_3d_projection(self) -> float:
-            """What space axes call before they draw: gives the depth of what is nearest."""
+            """Sort faces for the current view and return the least depth; axes in space call this before drawing."""
             axes: Any = self.axes
             order = tree.order(eye_of(np.asarray(axes.M)))
             places: Any = tree.parts[order].reshape(-1, 3).T
@@ -225,7 +225,7 @@ def _add_in_order(ax: Any, tree: DepthTree, colors: np.ndarray) -> None:
 
 
 def frame(ax: Any, corners: list[np.ndarray]) -> None:
-    """Limits that hold what was there before, and the corners."""
+    """Set limits that contain the previous content and the corners."""
     ax.auto_scale_xyz(*np.transpose(corners))
     finish(ax)
 

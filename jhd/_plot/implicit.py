@@ -96,7 +96,7 @@ def surfaces(
 
 
 def check_drawn(name: str, shape: object) -> None:
-    """Raises TypeError unless the shape is a surface that `surfaces` can draw."""
+    """Raise TypeError unless the shape is a surface that `surfaces` can draw."""
     if not isinstance(shape, ImplicitSurface | AbstractPatch):
         got = type(shape).__name__
         raise TypeError(f"{name} must be an ImplicitSurface or a parametric surface; got {got}.")

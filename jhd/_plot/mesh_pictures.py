@@ -13,7 +13,7 @@ from jhd._shapes.mesh import TriangleMesh, check_mesh, places_of
 
 # More triangles of all meshes together take many seconds to draw, and are smaller than a printed dot.
 _MOST = 20_000
-# Cells along the longest side that vertices are gathered in, at first; each try takes this fraction of the last.
+# First number of cells along the longest side in which vertices are merged, and its factor from try to try.
 _CELLS, _COARSER = 256, 0.75
 
 
@@ -94,7 +94,7 @@ def faces_of(shape: TriangleMesh, most: int = _MOST // 2) -> np.ndarray:
 
 
 def _few(corners: np.ndarray, most: int) -> np.ndarray:
-    """At most so many triangles (triangles, 3, 3) that look like the given ones from afar."""
+    """At most `most` triangles (triangles, 3, 3) that look like the given ones from afar."""
     cells, few = float(_CELLS), corners
     while len(few) > most:
         few, cells = _gathered(corners, cells), cells * _COARSER

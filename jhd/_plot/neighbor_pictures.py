@@ -16,7 +16,7 @@ from jhd._shapes.as_shape import ShapeLike, as_shape
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.foreign import Axes
 
-# Queries that are drawn where nothing is said: more are too many for a page.
+# Queries drawn by default: more are too many for a page.
 _ROWS = 8
 # Width and height of a panel in inches: room for a distance in writing above a shape.
 _WIDTH, _HEIGHT = 0.95, 1.2
@@ -129,7 +129,7 @@ def _distance(found: Neighbors, row: int, place: int) -> str:
 
 
 def _one_scale(panels: Any, shapes: list[Any]) -> None:
-    """The same limits in all panels of a row, without the axes."""
+    """Set common limits in all panels of a row, and remove the axes."""
     points = np.concatenate([pieces_of(shape).points for shape in shapes])
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.04 * np.max(high - low) or 0.5

@@ -14,14 +14,14 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import AbstractPatch
 
 _STEPS = 3
-# Quadrilaterals along each side of a patch, at least.
+# Least number of quadrilaterals along each side of a patch.
 _LEAST = 4
 
 
 def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "cells corners 3"]:
-    """Quadrilaterals of a surface from a grid of so many cells along each axis, their corners in cyclic order.
+    """Quadrilaterals of a surface from a grid of `cells` cells along each axis, with corners in cyclic order.
 
-    Parts of the surface that change no sign on the grid are missed.
+    Parts of the surface without a change of sign on the grid are missed.
     """
     coefficients = np.asarray(surface.coefficients, float)
     low, high = (np.asarray(end, float) for end in surface.bounds)
@@ -38,7 +38,7 @@ def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "c
 
 
 def quadrilaterals_of_patches(shape: AbstractPatch, cells: int) -> Float[np.ndarray, "cells corners 3"]:
-    """Quadrilaterals of a parametric surface, about so many along each side, with corners in cyclic order."""
+    """Quadrilaterals of a parametric surface, about `cells` along each side, with corners in cyclic order."""
     patches = shape.patches()
     n = int(np.clip(np.ceil(cells / np.sqrt(patches.count)), _LEAST, cells))
     t = np.linspace(0.0, 1.0, n + 1)
@@ -49,9 +49,9 @@ def quadrilaterals_of_patches(shape: AbstractPatch, cells: int) -> Float[np.ndar
 
 
 def _crossings(lines: list[np.ndarray], values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points on edges of the grid where the sign changes with a cell that has the edge; and the four cells about each.
+    """Cells and points on edges of the grid at which the sign changes, and the four cells about each such edge.
 
-    A point appears once for each of its cells; four cells are listed for inner edges alone. Cells are flat indices.
+    A point appears once for each of its cells; four cells are listed only for inner edges. Cells are flat indices.
     """
     shape = np.array(values.shape) - 1
     owners, points, quads = [], [], []

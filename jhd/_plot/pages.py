@@ -138,7 +138,7 @@ Plotly.newPlot("space", data.traces, data.layout, {{responsive: true}});
 # Pixels of the longer side of a picture in the plane, of the margin about it, and of a profile.
 _SIDE, _MARGIN = 640.0, 14.0
 _WIDE, _HIGH = 640.0, 150.0
-# Places of a walk along a curve, about, and those of one segment.
+# Approximate number of points of a walk along a curve, and least and most points of one segment.
 _PLACES, _LEAST, _MOST = 1500, 4, 64
 # The room above the largest distance of a profile.
 _ABOVE = 1.06
@@ -204,13 +204,13 @@ def page_of_figure(figure: Any, title: str) -> str:
     drawn = StringIO()
     figure.savefig(drawn, format="svg")
     text = drawn.getvalue()
-    # The lines before the picture are those of a file of its own.
+    # The lines before the picture belong to a separate file.
     head = f"<h1>{html.escape(title)}</h1>"
     return PAGE.format(title=html.escape(title), head=head, body=text[text.index("<svg") :])
 
 
 def check_pages_in_space() -> None:
-    """Raises ImportError if pages of shapes in space cannot be made."""
+    """Raise ImportError if pages of shapes in space cannot be made."""
     _plotly()
 
 
@@ -273,7 +273,7 @@ def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, An
     farthest = (place, w.point, solution.value, solution.lower, solution.upper, feet)
     for name, value in zip(("t", "point", "distance", "lower", "upper", "feet"), farthest, strict=True):
         walk[name].insert(index, np.asarray(value).tolist())
-    # As text: what a browser makes of a number is rounded to the nearest.
+    # As text: a browser rounds numbers to the nearest.
     walk["lower"] = [lower_text(x) for x in walk["lower"]]
     walk["upper"] = [upper_text(x) if np.isfinite(x) else None for x in walk["upper"]]
     return {**walk, "farthest": index, "event": name_of(solution.event).replace("_", " ")}
@@ -284,7 +284,7 @@ def _profile(k: int, walk: dict[str, Any], way: str, unit: str, color: str) -> s
     t, distance = np.array(walk["t"]), np.array(walk["distance"])
     x = _WIDE * (t - t[0]) / (t[-1] - t[0] or 1.0)
     y = _HIGH * (1 - distance / (_ABOVE * float(np.max(distance)) or 1.0))
-    # Between points there is nothing: each is a stroke without length.
+    # Points are not joined: each is a stroke without length.
     begin, end, width = ("M", "h0", 5) if walk["dots"] else ("L", "", 1.5)
     path = "M" + "".join(f"{begin}{p:.2f} {q:.2f}{end}" for p, q in zip(x, y, strict=True))[1:]
     text = f"distance from {way} ({unit})"
@@ -294,12 +294,12 @@ def _profile(k: int, walk: dict[str, Any], way: str, unit: str, color: str) -> s
 
 
 def _path(drawn: DrawnPieces, frame: dict[str, Any]) -> str:
-    """The pieces of a curve as the data of an SVG path; of points strokes without length."""
+    """The pieces of a curve as SVG path data; points become strokes without length."""
     placed = (drawn.corners - [frame["left"], frame["top"]]) * [frame["scale"], -frame["scale"]]
     parts, last = [], None
     for piece, row in zip(placed, drawn.rows, strict=True):
         begin, *others = [f"{x:.2f} {y:.2f}" for x, y in piece]
-        # A piece that begins where the one before it ended goes on.
+        # A piece that starts at the end of the piece before it continues the path.
         parts.append("".join(f"L{p}" for p in others) if row[0] == last else f"M{begin}L{(others or [begin])[0]}")
         last = row[-1] if others else None
     return "".join(parts)
@@ -338,7 +338,7 @@ def _in_space(
 
 
 def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, title: str = "") -> dict[str, Any]:
-    """A shape as plotly takes it, colored by values or in one color."""
+    """A shape as a trace of plotly, colored by values or in one color."""
     size = drawn.rows.shape[1]
     scale = {
         "colorscale": "Viridis",
@@ -355,11 +355,11 @@ def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, titl
     rows = drawn.rows if size == 1 else np.concatenate([drawn.rows, drawn.rows[:, :1]], axis=1)
     points = drawn.points[rows.ravel()]
     if size == 2:
-        # Every third place is none, where the line is lifted.
+        # Every third point is NaN, to separate the lines.
         points = np.where(np.arange(len(points))[:, None] % 3 == 2, np.nan, points)
     colors = {"color": ORANGE} if values is None else {"color": _short(values[rows.ravel()]), **scale}
     style = {"line": {"width": 6, **colors}} if size == 2 else {"marker": {"size": 3, **colors}}
-    # A key has no color for a line of many: plotly complains of it in the browser's console.
+    # A key cannot show a line of many colors: plotly warns about it in the browser's console.
     shown["showlegend"] = size == 1 or values is None
     return {"type": "scatter3d", "mode": ("markers", "lines")[size - 1], **_places(points), **shown, **style}
 
@@ -394,7 +394,7 @@ def _short(values: np.ndarray) -> list[float | None]:
 
 
 def _as_json(content: dict[str, Any]) -> str:
-    """JSON that can stand within a script: no NaN, and nothing that ends it."""
+    """JSON that is safe within a script: no NaN, and no text that ends the script."""
     return json.dumps(_finite(content), allow_nan=False).replace("<", "\\u003c")
 
 

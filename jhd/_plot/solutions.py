@@ -123,7 +123,7 @@ def solution(
         raise ValueError(f"a has {a.dim} coordinates; b has {b.dim}.")
     ax = axes_for(ax, a.dim)
     drawn = list(zip((a, b), _COLORS, _DASHES, labels, strict=True))
-    # All faces are drawn as one, so that those in front hide others.
+    # All faces are drawn as one, so that faces in front hide others.
     faced = [(_faces(shape), color, name) for shape, color, _, name in drawn if not isinstance(shape, AbstractCurve)]
     if faced:
         faces, colors, names = zip(*faced, strict=True)
@@ -155,12 +155,12 @@ def _distinct(feet: np.ndarray) -> np.ndarray:
 
 
 def distance_text(solution: HausdorffSolution | MinimumSolution) -> str:
-    """The distance to four digits, or the inequality that is proven if the bounds do not agree in these."""
+    """The distance to four digits, or the proven inequality if the bounds differ in these digits."""
     return bounds_text(float(solution.lower), float(solution.upper))
 
 
 def bounds_text(lower: float, upper: float) -> str:
-    """The same for a distance given by its bounds."""
+    """`distance_text` of a distance given by its bounds."""
     below, above, near = lower_text(lower, ".4g"), upper_text(upper, ".4g"), f"{lower:.4g}"
     if near == f"{upper:.4g}":
         return f"$d$ {'=' if below == above else '≈'} {near}"
@@ -170,7 +170,7 @@ def bounds_text(lower: float, upper: float) -> str:
 def _write_distance(
     ax: Any, solution: HausdorffSolution | MinimumSolution, point: np.ndarray, feet: np.ndarray
 ) -> None:
-    """Writes the distance next to the first joining line, on the side without another foot."""
+    """Write the distance next to the first joining line, on the side without another foot."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.5, foreground="white")]

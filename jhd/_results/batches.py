@@ -21,12 +21,12 @@ from jhd._results.plain import to_plain
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import interval_text, lower_text, upper_text
 
-# What a notebook shows of a solution, as far as it has it.
+# Fields that a notebook shows of a solution, if it has them.
 _SHOWN = (
     *("answer", "value", "distance", "lower", "upper", "error", "statistic", "maximum", "rms", "mean", "size"),
     *("optimality", "event", "direction", "witness", "point_a", "point_b", "foot", "element", "segment", "t", "result"),
 )
-# How the bounds among them are written.
+# Functions that write the bounds among them.
 _ENDS = {"lower": lower_text, "upper": upper_text}
 
 Index = ArrayLike | Sequence[int] | slice | EllipsisType | None
@@ -117,7 +117,7 @@ class AbstractSolution(AbstractOutcome):
                 f"this {type(self).__name__} is a single result; only a batch, as vmap returns it, can be indexed."
             )
         if not is_traced(index):
-            # NumPy says what is outside, where JAX takes what is nearest.
+            # NumPy raises an error for an index that is out of range; JAX would take the nearest entry.
             np.empty(shape, bool)[entry]
         if is_traced(self, entry):
             return jax.tree_util.tree_map(lambda x: x[entry], self)
@@ -140,7 +140,7 @@ def _batch_shape(solution: Any) -> tuple[int, ...]:
 
 
 def _cell(name: str, value: Any) -> str:
-    """A number in full, a bound rounded outward; the place of a witness; the name of how something ended."""
+    """The text of a value: a number in full, a bound rounded outward, the point of a witness, or a result code."""
     if hasattr(value, "_enumeration"):
         return names_of(value)
     if hasattr(value, "point"):
@@ -154,7 +154,7 @@ def _cell(name: str, value: Any) -> str:
 
 
 def on_device(solution: Any) -> Any:
-    """The same solution with JAX arrays instead of NumPy arrays, in one transfer."""
+    """The solution with JAX arrays instead of NumPy arrays, in one transfer."""
     leaves, structure = jax.tree_util.tree_flatten(solution)
     places = [k for k, leaf in enumerate(leaves) if isinstance(leaf, np.ndarray | np.generic)]
     if not places:

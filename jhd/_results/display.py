@@ -16,7 +16,7 @@ from jhd._runtime.decimals import lower_text, upper_text
 
 BoundText = Callable[..., str]
 
-# Arrays of so many entries are shown in full.
+# Arrays of up to this many entries are shown in full.
 _FEW = 6
 _DIGITS = ".4g"
 _SPACES = {2: "in the plane", 3: "in space"}
@@ -37,7 +37,7 @@ def opaque(thing: Any) -> str | None:
 
 
 def fields_shown(thing: Any, *names: str) -> str:
-    """The object with those of the named fields that are not None."""
+    """The text of the object with the named fields that are not None."""
     pairs = ((name, getattr(thing, name)) for name in names)
     shown = (f"{name}={value_text(value, _BOUNDS.get(name))}" for name, value in pairs if value is not None)
     return opaque(thing) or described(thing, *shown)
@@ -109,7 +109,7 @@ def most_text(name: str, bounds: Any) -> str:
 
 
 def is_known(value: Any) -> bool:
-    """Whether the entries of an array can be read here."""
+    """Whether the entries of an array can be read on this host."""
     if is_traced(value) or not isinstance(value, np.ndarray | np.generic | jax.Array):
         return False
     return getattr(value, "is_fully_addressable", True) and not getattr(value, "is_deleted", lambda: False)()

@@ -112,7 +112,7 @@ class DIRECTIONS(eqx.Enumeration):
 
 
 def result_where(condition: Array, yes: Any, no: Any) -> Any:
-    """RESULTS.where, which type checkers mistake for a method of a plain enumeration."""
+    """RESULTS.where with types: type checkers take it for a method of a plain enumeration."""
     return RESULTS.where(condition, yes, no)
 
 

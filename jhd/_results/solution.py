@@ -36,22 +36,22 @@ Built = TypeVar("Built", bound=eqx.Module)
 
 
 def with_result(solution: Any, result: Any) -> Any:
-    """The same solution with another result code."""
+    """The solution with another result code."""
     return eqx.tree_at(lambda s: s.result, solution, result)
 
 
 def with_lengths(solution: Any, value: Any, lower: Any, upper: Any, point: Any, feet: Any) -> Any:
-    """The same HausdorffSolution in another unit; the numbers may be NumPy arrays, see `on_device`."""
-    # By its leaves, in the order of the fields: making the two Modules anew costs five times as much.
+    """The HausdorffSolution with lengths in another unit; the numbers may be NumPy arrays, see `on_device`."""
+    # By its leaves, in the order of the fields: creating the two Modules again costs five times as much.
     leaves, structure = jax.tree_util.tree_flatten(solution)
     leaves[:3], leaves[5:7] = (value, lower, upper), (point, feet)
     return jax.tree_util.tree_unflatten(structure, leaves)
 
 
 def with_answers(solution: Any, answers: Sequence[tuple[Any, Any, Any, Any, Any]]) -> Any:
-    """The same HausdorffSolution with other value, t, point, feet and feet_params, and with those of its directions."""
+    """The HausdorffSolution with other value, t, point, feet and feet_params, also in its directions."""
     leaves, structure = jax.tree_util.tree_flatten(solution)
-    # The directions come last, each with as many leaves.
+    # The directions come last, with equally many leaves.
     size = len(jax.tree_util.tree_leaves(solution.directions)) // 2
     for begin, answer in zip((0, len(leaves) - 2 * size, len(leaves) - size), answers, strict=False):
         leaves[begin], (leaves[begin + 4], leaves[begin + 5], leaves[begin + 6]) = answer[0], answer[1:4]
@@ -60,7 +60,7 @@ def with_answers(solution: Any, answers: Sequence[tuple[Any, Any, Any, Any, Any]
 
 
 def in_direction(solution: Any, direction: Any) -> Any:
-    """The same solution with another direction in its witness."""
+    """The solution with another direction in its witness."""
     return replace(solution, witness=replace(solution.witness, direction=direction))
 
 

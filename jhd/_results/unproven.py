@@ -13,14 +13,14 @@ from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import lower_text, upper_text
 
-# What ends a search whose bounds a wider tolerance would have taken, and how that is asked for.
+# Result codes of searches whose bounds a wider tolerance would accept, and options to pass this tolerance.
 _TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.nonisolated_maxima)}
 _TOLERANCES = {
     "HausdorffSolution": "method=jhd.BranchAndBound(atol={})",
     "StatisticSolution": "atol={}",
     "MinimumSolution": "atol={}",
 }
-# Relative tolerances from here on say nothing.
+# Larger relative tolerances are meaningless.
 _COARSE = 0.5
 
 
@@ -29,14 +29,14 @@ class NotProvenError(RuntimeError):
 
     def __init__(self, message: str, solution: eqx.Module):
         super().__init__(message)
-        # Of many kinds, which the caller knows.
+        # One of many classes; the caller knows which.
         self.solution: Any = solution
 
 
 def throw_unless_successful(
     solution: Any, known: Mapping[str, Bounds] | None = None, option: str | None = None
 ) -> None:
-    """Raises NotProvenError with the solution unless every entry is successful or RESULTS.not_certified; tracers pass.
+    """Raise NotProvenError with the solution unless every entry is successful or RESULTS.not_certified; tracers pass.
 
     Args:
         solution: the result of a computation.
@@ -46,7 +46,7 @@ def throw_unless_successful(
     if is_traced(solution.result):
         return
     found = np.ravel(np.asarray(solution.result._value))
-    # A method that proves nothing promises no more.
+    # A method that proves nothing promises no accuracy.
     failed = (found != int(RESULTS.successful._value)) & (found != int(RESULTS.not_certified._value))
     if failed.any():
         first = int(np.argmax(failed))
@@ -71,7 +71,7 @@ def relative_tolerance(known: Mapping[str, Bounds]) -> str | None:
 
 
 def _bounds_of(solution: Any, lane: int) -> dict[str, Bounds]:
-    """The bounds that a solution holds in one of its lanes; none where it has none, or those of something else."""
+    """The bounds in one lane of a solution; empty if it has none, or if its bounds have another shape."""
     ends: list[Any] = [getattr(solution, name, None) for name in ("lower", "upper")]
     if any(not isinstance(end, jax.Array | np.ndarray | float) for end in ends):
         return {}
@@ -89,7 +89,7 @@ def _tolerance(solution: Any, known: Mapping[str, Bounds]) -> str | None:
 
 
 def _reached(known: Mapping[str, Bounds], option: str | None) -> str:
-    """The bounds as a sentence, and what would take them."""
+    """The bounds as a sentence, with the option that would accept them."""
     parts = [
         f"{lower_text(x.lower)} and {upper_text(x.upper)}{f' for {of}' if of else ''}"
         for of, x in known.items()
@@ -102,5 +102,5 @@ def _reached(known: Mapping[str, Bounds], option: str | None) -> str:
 
 
 def _least(tolerance: float) -> str:
-    """Two digits, so that the bounds that are there would do."""
+    """The tolerance in two digits, rounded up, so that it accepts the bounds reached."""
     return upper_text(tolerance, ".2g")

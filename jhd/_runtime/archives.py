@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-# What all members may take together: so many times the size of the file, and so many bytes in any case.
+# Largest size of all members together: _TIMES times the size of the file, plus _ALWAYS bytes.
 _TIMES, _ALWAYS = 64, 1 << 26
 
 
@@ -16,12 +16,12 @@ def read_arrays(file: str | Path, names: Iterable[str] | None = None) -> Mapping
 
     Args:
         file: the file.
-        names: those that are wanted, all of which have to be there; by default all that there are.
+        names: names of the arrays to read, which must all exist; by default all names.
 
     Raises:
         OSError: the file cannot be opened.
-        ValueError: no archive of arrays, a damaged one, one that lacks a name, or one that claims to hold far more than
-            its size.
+        ValueError: the file is no archive of arrays, is damaged, lacks a name, or claims to hold far more than its
+            size.
     """
     with Path(file).open("rb") as stream:
         try:

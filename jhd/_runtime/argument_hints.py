@@ -12,7 +12,7 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 
 
 def belongs(**places: str) -> Callable[[Called], Called]:
-    """A call with one of these keywords raises TypeError that says what to write instead.
+    """Decorator: a call with one of these keywords raises a TypeError with the correct way to write it.
 
     >>> @belongs(atol="write method=BranchAndBound(atol=...)")
     ... def measured(a): return a
@@ -37,7 +37,7 @@ def belongs(**places: str) -> Callable[[Called], Called]:
 
 
 def takes(count: int, message: str) -> Callable[[Called], Called]:
-    """A constructor called with fewer positional arguments, and no keywords, raises TypeError with the message.
+    """Decorator: a call of a constructor with too few positional arguments, and no keywords, raises TypeError.
 
     >>> class Pair:
     ...     @takes(2, "write Pair(*both)")
@@ -62,7 +62,7 @@ def takes(count: int, message: str) -> Callable[[Called], Called]:
 
 
 def refuse_tracing(name: str, *values: object) -> None:
-    """Raises TypeError inside a function that is being traced, for a call that needs concrete numbers."""
+    """Raise TypeError inside a function that is being traced, for a call that needs concrete numbers."""
     if is_tracing(*values):
         raise TypeError(
             f"{name}() is a search on the host, which cannot run inside jit, vmap or grad: call it outside, or "

@@ -26,15 +26,15 @@ def is_traced(*values: object) -> bool:
 
 
 def is_tracing(*values: object) -> bool:
-    """Whether any leaf is a tracer, or operations on known numbers are traced, as all are inside jit."""
+    """Whether any leaf is a tracer, or operations on known numbers are traced too, as inside jit."""
     # Asking JAX takes a hundredth of the time of an operation.
     return not is_trace_clean() and is_traced(values, jnp.zeros(()))
 
 
 def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
-    """`jnp.asarray`; of NumPy's arrays without a program, which JAX would compile for each of their shapes."""
+    """`jnp.asarray` that compiles nothing for NumPy arrays; JAX would compile a function for each shape."""
     if isinstance(values, np.ndarray | np.generic) and not is_tracing():
-        # What is not finite is refused by those who know its name, without a warning of NumPy's before.
+        # Without warnings of NumPy: callers, who know the name of the array, refuse numbers that are not finite.
         with np.errstate(invalid="ignore", over="ignore"):
             return jax.device_put(np.asarray(values, dtype))
     return jnp.asarray(values, dtype=dtype)
@@ -43,23 +43,23 @@ def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
 def undifferentiated(values: Values) -> Values:
     """The values without their derivatives: tracers through `stop_gradient`, known ones as they are.
 
-    Under a trace every operation gives a tracer, `stop_gradient` of known arrays too. These are to stay known.
+    Under a trace every operation gives a tracer, even `stop_gradient` of known arrays; these must stay known.
     """
     return jax.tree_util.tree_map(lambda x: jax.lax.stop_gradient(x) if isinstance(x, Tracer) else x, values)
 
 
 def bound(values: Values) -> Values:
-    """The values, those of a batch as results of an operation.
+    """The values, with a copy of each array that vmap batches.
 
-    A constant of NumPy that is batched inside jit is a tracer which functions with derivatives of their own refuse.
+    A NumPy constant that is batched inside jit becomes a tracer that functions with custom derivatives refuse.
     """
     return jax.tree_util.tree_map(lambda x: jnp.copy(x) if is_batch(x) else x, values)
 
 
 def on_host(*arrays: Any) -> tuple[Any, ...]:
-    """Known arrays as NumPy's, so that moving their rows compiles nothing.
+    """Known arrays as NumPy arrays, so that moving their rows compiles nothing.
 
-    All are as they came where one is traced, or lies on a device that the user has chosen.
+    If one is traced, or lies on a device that the user has chosen, all are returned unchanged.
     """
     if is_tracing(*arrays) or any(getattr(x, "committed", False) for x in arrays):
         return arrays
@@ -77,14 +77,14 @@ def same_arrays(a: Any, b: Any) -> bool:
 
 
 def module_of(x: Any) -> Any:
-    """NumPy for its arrays, else jax.numpy: for formulas that serve the host and compiled programs."""
+    """NumPy for NumPy arrays, else jax.numpy: for formulas used on the host and in compiled functions."""
     return np if isinstance(x, np.ndarray) else jnp
 
 
 def varying(values: Any, *sources: object) -> Any:
-    """The values, marked under shard_map as different on each device wherever one of the sources is.
+    """The values, marked under shard_map as varying over all device axes over which one of the sources varies.
 
-    A loop keeps the marks of its start, so a start made of constants needs those of the arrays that the loop works on.
+    A loop keeps the marks of its start, so a constant start needs the marks of the arrays used in the loop.
     """
     axes = frozenset().union(*(varying_axes(x) for x in jax.tree_util.tree_leaves(sources) if isinstance(x, Tracer)))
     if not axes:
@@ -98,7 +98,7 @@ def varying(values: Any, *sources: object) -> Any:
 
 
 def bare_array(name: str, value: Any) -> np.ndarray:
-    """`np.asarray`, which would drop a mask, a unit, the names of columns or a gradient without a word.
+    """`np.asarray` that refuses masks, units, data frames and tensors, whose meaning it would drop.
 
     Raises:
         TypeError: a table or tensor of another package, or an array with masked entries, or rows of which one is such.
@@ -161,7 +161,7 @@ def _is_percentage(value: object) -> bool:
 
 
 def check_finite(name: str, array: ArrayLike) -> None:
-    """Raises ValueError naming the first row that holds a NaN or an infinity; tracers pass."""
+    """Raise ValueError naming the first row that holds a NaN or an infinity; tracers pass."""
     if is_traced(array):
         return
     values = np.asarray(array)
@@ -178,7 +178,7 @@ def check_finite(name: str, array: ArrayLike) -> None:
 
 
 def check_scalar(name: str, value: Array | None, *, positive: bool = False) -> None:
-    """Raises ValueError unless the array is one number of at least 0, or above it; None and values of tracers pass."""
+    """Raise ValueError unless the array is one number of at least 0, or above it; None and values of tracers pass."""
     if value is None:
         return
     if value.shape != ():
@@ -191,7 +191,7 @@ def check_scalar(name: str, value: Array | None, *, positive: bool = False) -> N
 
 
 def check_whole(name: str, value: object, least: int) -> None:
-    """Raises ValueError unless the value is an int of at least this size."""
+    """Raise ValueError unless the value is an int of at least this size."""
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
 

@@ -12,9 +12,9 @@ _STATE = 256
 
 
 def give_back() -> None:
-    """Free memory that the C library holds goes to the system: half of the hundred megabytes a program takes to make.
+    """Return free memory of the C library to the system: half of the hundred megabytes used for a compilation.
 
-    Done by the GNU library, a few milliseconds; others need no asking, or cannot be asked.
+    Takes a few milliseconds with the GNU library; does nothing with others.
     """
     trim = _function("malloc_trim")
     if trim is not None:
@@ -23,9 +23,9 @@ def give_back() -> None:
 
 @contextmanager
 def subnormals_kept() -> Iterator[None]:
-    """In this block, and in threads that it starts, operations of NumPy keep subnormal numbers.
+    """Keep subnormal numbers in NumPy operations in this block and in threads that it starts.
 
-    Threads of XLA take them for zero. Afterwards the thread is as before. Only on Linux and macOS.
+    Threads of XLA take subnormal numbers for zero. Afterwards the thread is as before. Only on Linux and macOS.
     """
     save, restore, usual = _function("fegetenv"), _function("fesetenv"), _usual_state()
     if save is None or restore is None or usual is None:
@@ -42,14 +42,14 @@ def subnormals_kept() -> Iterator[None]:
 
 @functools.cache
 def _function(name: str) -> Any:
-    """A function of the C library of this process, None where it has none of this name."""
+    """The function of this name in the C library of this process, or None."""
     library = _library()
     return None if library is None else getattr(library, name, None)
 
 
 @functools.cache
 def _usual_state() -> Any:
-    """The floating-point state that threads begin with (FE_DFL_ENV); None where it is not known."""
+    """The initial floating-point state of threads (FE_DFL_ENV); None if it is not known."""
     if sys.platform == "linux":
         return ctypes.c_void_p(-1)
     if sys.platform != "darwin":

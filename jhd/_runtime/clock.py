@@ -5,21 +5,21 @@ import time
 
 
 class OutOfTimeError(Exception):
-    """The time is up; whoever iterates keeps the best so far."""
+    """The time is up; the iteration keeps the best point so far."""
 
 
 class TimeLimit(KeyboardInterrupt):
     """The time is up; a search ends with the bounds reached, as at Ctrl-C."""
 
 
-# What the proof at the end may take beyond the time, as a share of it.
+# Additional time for the proof at the end, as a fraction of the time.
 _FOR_PROOF = 0.1
-# Seconds that the programs of a search may take to be compiled: twice what a slow core takes.
+# Seconds to compile the functions of a search: twice the time on a slow core.
 _TO_COMPILE = 10.0
 
 
 class Clock:
-    """Asked before each evaluation, and in long ones.
+    """A time limit, checked before each evaluation and during long ones.
 
     Args:
         seconds: of wall time from now on; None for no limit.
@@ -39,20 +39,20 @@ class Clock:
         self._end, self._last = now + limit, now + (1 + _FOR_PROOF) * limit
 
     def is_over(self) -> bool:
-        """Whether the end has come."""
+        """Whether the time is up."""
         return self._end < math.inf and time.monotonic() > self._end
 
     def check(self) -> None:
-        """Raises OutOfTimeError after the end."""
+        """Raise OutOfTimeError if the time is up."""
         if self.is_over():
             raise OutOfTimeError
 
     def is_closed(self) -> bool:
-        """Whether the time for the proof is over as well."""
+        """Whether the additional time for the proof is up, too."""
         return self._last < math.inf and time.monotonic() > self._last
 
     def compiling(self) -> None:
-        """Asked before the programs of a search are compiled, which nothing ends; see jhd._runtime.compiled.asking.
+        """Check that there is time to compile a search, which cannot be interrupted; see jhd._runtime.compiled.asking.
 
         Raises:
             OutOfTimeError: there is no time for it.
@@ -61,12 +61,12 @@ class Clock:
             raise OutOfTimeError
 
     def heard(self, progress: object) -> None:
-        """A listener of searches that ends those of an evaluation when the time is up; see check."""
+        """Progress callback of the searches of an evaluation: ends them when the time is up; see check."""
         del progress
         self.check()
 
     def closing(self, progress: object) -> None:
-        """A listener of the search for the proof at the end: after some time more it is ended with its bounds so far.
+        """Progress callback of the search for the final proof: ends it with its bounds so far; see is_closed.
 
         Raises:
             TimeLimit: ends a search with the bounds reached.

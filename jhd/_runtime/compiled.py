@@ -31,38 +31,38 @@ from jhd._runtime.programs import NotKeptError, is_ours, load, name_of_program, 
 
 _R = TypeVar("_R")
 
-# Measured with jaxlib 0.10.2, whose own level is 3. Its newer fusion emitters for CPUs make an object of its own of
-# every loop: twice the time to compile and four times the memory mappings, for programs that run no faster. Level 1
-# saves a quarter of the rest, and what does not loop over large arrays runs as fast.
+# Measured with jaxlib 0.10.2, whose default level is 3. Its newer fusion emitters for CPUs make a separate object for
+# every loop: twice the time to compile and four times the memory mappings, for executables that run no faster. Level 1
+# saves a quarter of the rest, and is as fast except for loops over large arrays.
 _EMITTERS, _LEVEL = "xla_cpu_use_fusion_emitters", "xla_backend_optimization_level"
 # Cuts reductions of more than 32 numbers into windows, which become up to a thousand lines of code each: a twelfth of
 # the code of a search. At level 1 they stay whole; large arrays want several threads, for which they must be cut.
 _PASSES, _WINDOWS = "xla_disable_hlo_passes", "tree_reduction_rewriter"
-# Linux ends a process at its limit of mappings, by a crash; code takes some hundreds of them for each program.
+# On Linux a process crashes at its limit of memory mappings; each executable takes some hundreds of them.
 _MAPPINGS, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _SHARE = 0.75
-# Executables that a process holds at most: half a gigabyte. All kinds of shapes in every mix take some hundred.
+# Most executables of a process: half a gigabyte. All combinations of kinds of shapes take some hundred.
 MOST = 300
 
-# Bytes of arguments from which on it is asked how much memory a program takes: asking takes a third of a millisecond.
+# Bytes of arguments above which the memory of an executable is checked: this takes a third of a millisecond.
 _LARGE = 1 << 20
-# Bytes that are taken for there without asking the system.
+# Bytes that count as free without asking the system.
 _ALWAYS = 1 << 28
 _LESS = "fewer points or segments at once, or a smaller capacity of the method, take less"
 
-# Those that hold executables, and a counter that orders their calls.
+# All objects that hold executables, and a counter that orders their calls.
 _programs: WeakSet[Any] = WeakSet()
 _changing = threading.Lock()
 _calls = itertools.count()
-# Whether searches become part of the program that is traced, instead of calls of the host; JAX has a trace for either.
+# Whether searches become part of the traced function instead of calls of the host; JAX keeps a trace for each.
 _in_program: Any = jax.make_user_context(False)
-# Asked before a program is compiled.
+# Called before a function is compiled.
 _permission: ContextVar[Callable[[], object] | None] = ContextVar("permission", default=None)
 
 
 @contextmanager
 def asking(permission: Callable[[], object]) -> Iterator[None]:
-    """What is called here asks before each program that it must compile; whoever does not permit it raises."""
+    """Call `permission` before each compilation in this block; it raises an error to forbid the compilation."""
     token = _permission.set(permission)
     try:
         yield
@@ -102,7 +102,7 @@ def searches_in_program(enabled: bool = True) -> Iterator[None]:
 
 
 def calls_host() -> bool:
-    """Whether functions traced here may call kept programs on the host."""
+    """Whether functions traced here may call kept executables on the host."""
     if _in_program.value or os.getenv("JHD_HOST_CALLS") == "0":
         return False
     return jax.default_backend() == "cpu" and jax.process_count() == 1
@@ -116,7 +116,7 @@ def _ask() -> None:
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Garbage waits while a program is made: to look for it takes a twentieth of the time then."""
+    """Pause garbage collection during a compilation, of which it takes a twentieth of the time."""
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -127,15 +127,14 @@ def _uncollected() -> Iterator[None]:
 
 
 def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, level: int | None = 1) -> Callable[..., _R]:
-    """jax.jit for what is called from the host: quick to compile; inside another trace it is traced like any other.
+    """jax.jit for functions called from the host, quick to compile; inside another trace it acts as plain jax.jit.
 
-    Arguments at the positions named `static` are constants of the program. Loops over large arrays can run twice as
-    fast where XLA optimizes at its level 3 (`optimized`), or with all that it has (None).
+    Arguments at the positions in `static` are compile-time constants. Loops over large arrays can run twice as fast if
+    XLA optimizes at level 3 (`optimized`) or with its defaults (None).
 
-    On CPUs a function of this package is kept on disk with each program that it was compiled to
-    (jhd._runtime.programs), and another process only reads it. Where the process comes near the number of memory
-    mappings that the system allows it, all programs made here are dropped, to be read or compiled again when they are
-    wanted.
+    On CPUs each executable of a function of this package is kept on disk (jhd._runtime.programs), and other processes
+    only read it. If the process comes near the system's limit of memory mappings, all executables made here are
+    dropped; they are read or compiled again when needed.
     """
     inner, plain, kept = jax.jit(function, static_argnums=static), _Plain(function, static, level), None
 
@@ -146,11 +145,11 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, level
         # Options are allowed to the outermost jit only.
         if is_tracing(*args):
             return inner(*args)
-        # Known numbers need nothing of a derivative that is being taken around this call, which costs milliseconds.
+        # Known numbers need no part in an enclosing derivative, which would cost milliseconds.
         with eval_context():
             if os.getenv("JHD_CACHE") == "0":
                 return plain(*args)
-            if kept is None:  # asked for here, where the function has got its name
+            if kept is None:  # only here, as the function has its name by now
                 keeps = trace_context is not None and is_ours(function)
                 kept = _Kept(function, static, level, plain) if keeps else plain
             return kept(*args)
@@ -163,14 +162,14 @@ optimized = functools.partial(compiled, level=3)
 
 
 class _Plain:
-    """The programs of one function as jit makes them."""
+    """The executables of one function as made by jit."""
 
     def __init__(self, function: Callable[..., Any], static: tuple[int, ...], level: int | None):
         self._made = functools.cache(lambda: jax.jit(function, static_argnums=static, compiler_options=_options(level)))
         self.count, self.last = 0, 0
-        # Kinds of arguments that there are programs for; dropped ones are made anew without being asked about.
+        # Kinds of arguments that have been compiled; dropped executables are made again without asking permission.
         self._static, self._kinds = static, set()
-        # Programs for large arguments, for which there is room.
+        # Executables for large arguments, for which there is memory.
         self._large: dict[Any, Any] = {}
         with _changing:
             _programs.add(self)
@@ -198,7 +197,7 @@ class _Plain:
         return result
 
     def _with_room(self, program: Any, kinds: Any, leaves: list[Any], args: tuple) -> Any:
-        """The results, if there is memory for them; asked of the program itself, which jit would compile again."""
+        """The results, if there is memory for them, from an executable of its own, as jit would compile again."""
         key = trace_context and trace_context(), kinds, tuple([_kind(x) for x in leaves])
         run = self._large.get(key)
         if run is None:
@@ -218,11 +217,11 @@ class _Plain:
 
 
 class _Kept:
-    """The programs of one function by the kinds of their arguments, read from disk where they lie there."""
+    """The executables of one function by the kinds of their arguments, read from disk if kept there."""
 
     def __init__(self, function: Callable[..., Any], static: tuple[int, ...], level: int | None, plain: _Plain):
         self._function, self._static, self._level, self._plain = function, static, level, plain
-        # By what is quickly told of the arguments, and by their names; two of the first may share one of the second.
+        # Executables by quick keys of the arguments, and by names; several keys may have one name.
         self._known: dict[Any, Any] = {}
         self._named: dict[Any, Any] = {}
         self.last = 0
@@ -255,11 +254,11 @@ class _Kept:
 
     @property
     def count(self) -> int:
-        """How many executables there are."""
+        """The number of executables."""
         return len(self._named)
 
     def _first(self, key: Any, leaves: list[Any], args: tuple) -> Any:
-        """The results, and from now on the program is known; None is, where it is left to jit."""
+        """The results of the first call with a key, for which the executable is then known (None: left to jit)."""
         _, tree, fixed, _ = key
         like = [_like(x) for x in leaves]
         constants = [(i, x) for i, (_, x) in zip(self._static, fixed, strict=True)]
@@ -274,7 +273,7 @@ class _Kept:
             refused[self._function.__qualname__] = str(error)
             self._known[key] = None
             return self._plain(*args)
-        with self._lock:  # several threads may want one program, and none of them is to compile what another does
+        with self._lock:  # several threads may need one executable, which only one of them should compile
             found, results = self._named.get((name, device)), None
             if found is None:
                 found, results = _tried(load(name, device), leaves)
@@ -285,7 +284,7 @@ class _Kept:
                 _check_room(found[0])
             self._known[key] = self._named[name, device] = found
             make_room()
-        # Not within the lock: what is compiled here may call the host, and that this function again.
+        # Not within the lock: the executable may call the host, and the host this function again.
         return tree_unflatten(found[1], found[0](*leaves) if results is None else results)
 
     def _compiled(self, name: str, tree: Any, constants: list[tuple[int, Any]], like: list[Any]) -> tuple[Any, Any]:
@@ -296,10 +295,10 @@ class _Kept:
             results, made = tree_flatten(self._function(*_arguments(tree, leaves, constants)))
             return results
 
-        # A cache of JAX's that knows it by this name only has no older version, which could not be kept here.
+        # With this name, a cache of JAX has no older version, which could not be kept here.
         flat.__name__ = short_name(name).replace("-", "_")
         program = jax.jit(flat, compiler_options=_options(self._level))
-        # A program that calls the host cannot be kept.
+        # An executable that calls the host cannot be kept.
         with _uncollected(), searches_in_program():
             return program.lower(*like).compile(), made
 
@@ -313,7 +312,7 @@ def _arguments(tree: Any, leaves: Any, constants: list[tuple[int, Any]]) -> list
 
 
 def _check_room(program: Any) -> None:
-    """MemoryError where a compiled program would take more memory than there is; all of its arrays have their place."""
+    """Raise MemoryError if an executable would take more memory for its arrays than is free."""
     try:
         sizes = program.memory_analysis() if jax.default_backend() == "cpu" else None
     except (jax.errors.JaxRuntimeError, NotImplementedError, AttributeError):  # not every version says
@@ -325,7 +324,7 @@ def _check_room(program: Any) -> None:
 
 
 def _tried(found: Any, leaves: list[Any]) -> tuple[Any, Any]:
-    """A program that was read, and its results; None where it does not run, which shows only when it is to."""
+    """An executable read from disk, and its results; None and None if it does not run, which only a call shows."""
     if found is None:
         return None, None
     _check_room(found[0])
@@ -336,12 +335,12 @@ def _tried(found: Any, leaves: list[Any]) -> tuple[Any, Any]:
 
 
 def _is_watched() -> bool:
-    """Whether JAX looks for NaN or infinity in every result, which is left to jit."""
+    """Whether JAX checks every result for NaN or infinity; then calls are left to jit."""
     return jax.config.jax_debug_nans or jax.config.jax_debug_infs  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _kind(x: Any) -> Any:
-    """What is quickly told of a leaf, and all that its program depends on."""
+    """Key of a leaf: quick to determine, and covers all on which the executable depends."""
     of = type(x)
     if of is np.ndarray:
         return x.shape, x.dtype
@@ -357,7 +356,7 @@ def _type(x: Any) -> Any:
 
 
 def _usual(leaves: list[Any]) -> bool:
-    """Whether all are numbers on the one device that programs are kept for, and operations run as they always do."""
+    """Whether all are numbers on the one device for which executables are kept, with the usual settings."""
     if jax.default_backend() != "cpu" or jax.process_count() > 1:
         return False
     if jax.config.jax_disable_jit or _chosen() not in (None, host_device()):  # pyright: ignore
@@ -367,7 +366,7 @@ def _usual(leaves: list[Any]) -> bool:
 
 
 def _chosen() -> Any:
-    """The device that is chosen for computations, if any."""
+    """The device that the user has chosen for computations, if any."""
     return jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -395,16 +394,16 @@ def _is_usual(x: Any, home: Any, alone: bool) -> bool:
 
 def _like(x: Any) -> jax.ShapeDtypeStruct:
     kind = jax.typeof(x)
-    # A loop gives an integer back that is weakly typed no more, which is not to be another program. So functions must
-    # not depend on weak integers being weak, as beside narrower ones.
+    # A loop returns weakly typed integers as strong ones, which should not need another executable. So functions must
+    # not depend on weak types of integers, for example next to narrower ones.
     weak = kind.weak_type and not (isinstance(x, jax.Array) and kind.dtype.kind in "iu")
     return jax.ShapeDtypeStruct(kind.shape, kind.dtype, weak_type=weak)
 
 
 def make_room() -> None:
-    """Give back what compiling or reading a program took, and drop those that are too many.
+    """Release memory after compiling or reading an executable, and drop surplus executables.
 
-    All go near the system's limit of memory mappings, else the least recently used ones beyond `MOST`.
+    Near the system's limit of memory mappings all are dropped, otherwise the least recently used ones beyond `MOST`.
     """
     give_back()
     with _changing:

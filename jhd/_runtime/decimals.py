@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-# The shortest digits that give a float64 back may lie on the wrong side of it. 18 digits give it back on either side:
-# their step is at most 1e-17 of it, and what is read as another number is at least 2^-54 of it away.
+# The shortest digits that are read back as a float64 may lie on its wrong side. 18 digits are enough on either side:
+# their step is at most 1e-17 of the number, and numbers read as other floats differ from it by at least 2^-54 of it.
 _DIGITS = ".17g", ".18g"
 
 

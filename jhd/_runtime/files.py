@@ -7,17 +7,16 @@ from pathlib import Path
 
 
 def replace_file(file: str | Path, content: bytes | str, beside: str | None = None) -> None:
-    """Writes the content beside the file, and puts it in its place when all of it is on the disk.
+    """Write the content to a temporary file in the same folder, and replace the file when all is on the disk.
 
-    Whoever reads meanwhile finds the old file or the new one; an interruption leaves the old one, and so does a kill or
-    a loss of power. What is no plain file (a pipe, a device) is written to; a link stays, and what it leads to is
-    replaced.
+    Readers find the old file or the new one. An interruption, a kill or a loss of power leaves the old one. A pipe or
+    a device is written to directly. A link stays, and its target is replaced.
 
     Args:
         file: the file; one that exists is replaced and keeps its mode.
-        content: bytes, or text that is written as UTF-8 with its line ends as they are.
-        beside: the name that it has in the same folder until then, for a single writer: what a killed one left is
-            written over. By default a hidden one of its own, whose ending no reader of jhd takes.
+        content: bytes, or text that is written as UTF-8 with unchanged line ends.
+        beside: name of the temporary file, for a single writer: the rest of a killed writer is overwritten. By default
+            a unique hidden name, with an ending that no reader of jhd accepts.
 
     Raises:
         OSError: the folder cannot be written to, or the disk is full; it names the file.
@@ -26,7 +25,7 @@ def replace_file(file: str | Path, content: bytes | str, beside: str | None = No
     try:
         _replace(Path(os.path.realpath(file)), data, beside)
     except OSError as error:
-        # A full disk names no file, and other errors the one beside.
+        # The error of a full disk names no file, other errors name the temporary file.
         raise OSError(error.errno, error.strerror, str(file)) from error
 
 
@@ -34,7 +33,7 @@ def _replace(target: Path, data: bytes, beside: str | None) -> None:
     if target.exists() and not target.is_file():
         target.write_bytes(data)
         return
-    # File systems count bytes, and the longest name that they take leaves no room for more.
+    # File systems limit the bytes of a name, and the longest name leaves no room for more.
     short = os.fsdecode(os.fsencode(target.name)[:100])
     part = target.with_name(f".{short}-{secrets.token_hex(8)}" if beside is None else beside)
     try:
@@ -52,7 +51,7 @@ def _replace(target: Path, data: bytes, beside: str | None) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """The new name is on the disk too, where folders can be opened and synchronized."""
+    """Write the new name to the disk too, if folders can be opened and synchronized."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

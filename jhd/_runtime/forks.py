@@ -1,4 +1,4 @@
-"""Refusal to compute in processes forked from one that has used JAX, where JAX would wait forever."""
+"""Refusal to compute in processes forked from one that has used JAX: there JAX would wait forever."""
 
 import os
 
@@ -12,7 +12,7 @@ _forked = False
 
 
 def check_process() -> None:
-    """Raises RuntimeError where a computation would never end: after a fork that came after one."""
+    """Raise RuntimeError if this process was forked after a computation of JAX, as computations would never end."""
     if _forked:
         raise RuntimeError(_MESSAGE)
 

@@ -26,8 +26,8 @@ try:
 except ImportError:
     _lapack: Any = None
 
-# An executable that is read from disk has to name the one object for "any layout", as all others do, or JAX takes its
-# results for arrays of another kind and compiles again whatever they are passed to (seen in 0.12.0.1).
+# An executable that is read from disk must refer to the single object for "any layout", or JAX takes its results for
+# arrays of another kind and compiles every function again to which they are passed (seen in 0.12.0.1).
 _any_layout = getattr(_layout, "AutoLayout", None)
 if _any_layout is not None:
     copyreg.pickle(type(_any_layout), lambda _: "AutoLayout")

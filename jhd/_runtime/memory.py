@@ -13,12 +13,12 @@ _GROUP = Path("/sys/fs/cgroup")
 
 
 def check_memory(need: float, work: str, instead: str) -> None:
-    """Raises MemoryError, naming the bytes, where there are not so many.
+    """Raise MemoryError, with the numbers of bytes, if `need` exceeds the free memory.
 
     Args:
-        need: bytes that the work takes beside what is there already.
-        work: what it is, with its verb.
-        instead: what takes less.
+        need: bytes that the work takes in addition to the memory in use.
+        work: beginning of the message, with its verb: "this computation would take".
+        instead: end of the message: how to use less memory.
     """
     free = free_memory()
     if need > free:
@@ -26,7 +26,7 @@ def check_memory(need: float, work: str, instead: str) -> None:
 
 
 def free_memory() -> float:
-    """Bytes that this process can still get, by the system, its group and its own limit; inf where none is known."""
+    """Bytes that this process can still get, by the limits of system, group and process; inf if none is known."""
     return min(_of_the_system(), _of_the_group(), _of_the_process())
 
 
@@ -48,7 +48,7 @@ def _of_the_system() -> float:
 
 
 def _of_the_group() -> float:
-    # Where there is no limit the file says "max", which is no number.
+    # If there is no limit, the file says "max", which is no number.
     with suppress(OSError, ValueError):
         limit, used = (int((_GROUP / name).read_text()) for name in ("memory.max", "memory.current"))
         return float(max(limit - used, 0))

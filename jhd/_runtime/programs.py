@@ -33,40 +33,40 @@ from jhd._runtime import storage
 from jhd._runtime.jax_internals import has_lapack, is_missing_field, prepare_lapack, settings
 
 _PACKAGE, _FOLDER = "jhd", os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-# Source that was changed after this is not what this process runs.
+# Source changed after this time differs from the source that this process runs.
 _STARTED = time.time()
-# Whose classes may stand in a structure: their versions, and the source of this package, are part of a name.
+# Packages whose classes may occur in a structure: their versions, and the source of this package, are in a name.
 _KNOWN = ("jhd", "jax", "jaxlib", "equinox", "lineax", "optimistix", "numpy", "builtins")
-# The methods by which a class says how its objects are pickled.
+# The methods by which a class defines how its objects are pickled.
 _PICKLED = {"__reduce__", "__reduce_ex__", "__getnewargs__", "__getnewargs_ex__"}
-# How Python prints an object that has no text of its own: another one in each process.
+# Python prints an object without its own text with an address, which differs in each process.
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+>")
-# Settings that change no program.
+# Settings that change no executable.
 _ASIDE = re.compile(
     "jax_(enable_|raise_)?(compilation|persistent)_cache|jax_log|jax_debug_log|jax_explain|jax_traceback"
 )
-# The lines of /proc/cpuinfo that say for which processor is compiled, on x86 and on ARM.
+# The lines of /proc/cpuinfo that identify the processor, on x86 and on ARM.
 _PROCESSOR = re.compile(r"^(?:vendor_id|cpu family|model|model name|flags|Features|CPU \w+)\s*:.*$", re.MULTILINE)
-# What compiled code may call: parts of XLA itself, and LAPACK, which has to be looked up first.
+# Functions that compiled code may call: parts of XLA itself, and LAPACK, which must be looked up first.
 _INSIDE, _LAPACK = ("TopK",), "lapack_"
-# How code begins on Linux and macOS. What JAX has read from a cache of its own has lost it, and is not to be kept.
+# First bytes of code on Linux and macOS. Executables that JAX read from its own cache lack them and are not kept.
 _CODE = b"\x7fELF", b"\xcf\xfa\xed\xfe"
 _TARGETS = re.compile(r'custom_call_target="([^"]*)"')
 
 
-# Why no program of a function was kept, by the name of the function, for `jhd doctor`.
+# Reasons why no executable of a function was kept, by the name of the function, for `jhd doctor`.
 refused: dict[str, str] = {}
 
-# Of each module the constants that were there last, and their sum.
+# The last constants of each module, and their hash.
 _LAST: dict[str, tuple[list[Any], str]] = {}
 
 
 class NotKeptError(Exception):
-    """Nothing that could be told from everything else in another process."""
+    """An object without a text that identifies it in every process."""
 
 
 def is_ours(function: Callable[..., Any]) -> bool:
-    """Whether a function is the one that this package's source has under its name."""
+    """Whether a function is the object that this package defines under its name."""
     module = getattr(function, "__module__", None) or ""
     if module.partition(".")[0] != _PACKAGE:
         return False
@@ -77,14 +77,14 @@ def is_ours(function: Callable[..., Any]) -> bool:
 
 
 def name_of_program(function: Callable[..., Any], tree: Any, kinds: Any, context: Any, options: Any) -> str:
-    """A text that no other program has.
+    """A text that identifies an executable uniquely.
 
     Args:
-        function: one of this package's, see `is_ours`.
+        function: a function of this package, see `is_ours`.
         tree: the structure of its arguments.
         kinds: shape, type and weakness of each array.
-        context: what JAX says that a trace depends on.
-        options: constants of the program and how it is compiled.
+        context: the settings on which a trace depends, as given by JAX.
+        options: compile-time constants and compiler options.
 
     Raises:
         NotKeptError: there is no such text.
@@ -94,7 +94,7 @@ def name_of_program(function: Callable[..., Any], tree: Any, kinds: Any, context
         _structure(tree),
         *map(_plain, (kinds, context, options)),
     ]
-    # All settings as the process has them; a thread may have others.
+    # The settings of the process; a thread may have others.
     known = settings()
     if not known:
         raise NotKeptError("the settings of JAX")
@@ -107,7 +107,7 @@ def name_of_program(function: Callable[..., Any], tree: Any, kinds: Any, context
 
 
 def load(name: str, device: Any) -> tuple[Callable[..., Any], Any] | None:
-    """The program of a name, from flat arguments to flat results, and their structure; None where there is none."""
+    """The executable of a name, from flat arguments to flat results, and their structure; None if there is none."""
     folder = storage.programs_folder()
     body = None if folder is None else storage.read(folder, short_name(name))
     if body is None:
@@ -118,7 +118,7 @@ def load(name: str, device: Any) -> tuple[Callable[..., Any], Any] | None:
             return None
         if any(target.startswith(_LAPACK) for target in targets):
             prepare_lapack()
-        # A structure cannot be pickled (equinox tells a field that is missing by its identity), an example of it can.
+        # A structure cannot be pickled (equinox marks a missing field by object identity), but an example of it can.
         given, made = (((0,) * count, {}), jax.tree_util.tree_structure(example))
         run = serialize_executable.deserialize_and_load(
             payload,
@@ -127,13 +127,13 @@ def load(name: str, device: Any) -> tuple[Callable[..., Any], Any] | None:
             backend=device.client,
             execution_devices=[device],
         )
-    except Exception:  # whatever keeps it from being read, it can be compiled
+    except Exception:  # if it cannot be read for any reason, it can be compiled
         return None
     return run, made
 
 
 def store(name: str, run: Any, made: Any) -> bool:
-    """Keeps a program compiled from flat arguments to flat results, and the structure of these; whether it could."""
+    """Store an executable from flat arguments to flat results and the structure of these; return whether it could."""
     folder = storage.programs_folder()
     if folder is None:
         return False
@@ -148,13 +148,13 @@ def store(name: str, run: Any, made: Any) -> bool:
         if not any(mark in payload for mark in _CODE):
             return False
         body = pickle.dumps((name, given.num_leaves, targets, example, payload))
-    except Exception:  # what this version of JAX cannot write
+    except Exception:  # this version of JAX cannot write it
         return False
     return storage.write(folder, short_name(name), zlib.compress(body, 1))
 
 
 def short_name(name: str) -> str:
-    """The name of a program's file: that of its function, and a sum."""
+    """The name of the file of an executable: the name of its function, and a hash."""
     function = name.partition("\n")[0].rpartition(".")[2].strip("_")
     return f"{function}-{hashlib.sha256(name.encode()).hexdigest()[:40]}"
 
@@ -168,10 +168,10 @@ def _structure(tree: Any) -> str:
 
 
 def _plain(value: Any) -> str:
-    """Return a text that no other value has.
+    """Return a text that identifies a value uniquely.
 
-    A class that says itself how its objects are pickled (`__reduce__`, `__getnewargs__`) names all that its objects
-    consist of. The default object of a class is that class: JAX and equinox have single objects for what is absent.
+    A class that defines how its objects are pickled (`__reduce__`, `__getnewargs__`) names all parts of its objects.
+    The default object of a class stands for the class: JAX and equinox have single objects for absent values.
 
     Raises:
         NotKeptError: if there is no such text.
@@ -208,7 +208,7 @@ def _object(value: Any) -> str:
 
 
 def _pickled(value: Any) -> Any:
-    """Return how pickle makes the value again; None if its class does not say, or its objects change."""
+    """Return how pickle recreates the value; None if its class does not define it, or its objects change."""
     try:
         hash(value)
         explicit = any(vars(base).keys() & _PICKLED for base in type(value).__mro__[:-1])
@@ -242,7 +242,7 @@ def _class(kind: type) -> str:
 
 @functools.cache
 def _surroundings() -> tuple[str, ...]:
-    """What all programs of this process depend on."""
+    """Texts for everything on which all executables of this process depend."""
     packages = jax, jaxlib, eqx, lx, optx, np
     device = jax.devices()[0]
     return (
@@ -250,7 +250,7 @@ def _surroundings() -> tuple[str, ...]:
         " ".join(f"{package.__name__} {package.__version__}" for package in packages),
         f"{sys.version} {platform.machine()} {sys.byteorder}",
         processor(),
-        # As many parts as the work may be cut into.
+        # The number of threads, into which work may be cut.
         str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
         f"{device.platform} {device.device_kind} {device.client.platform_version}",
         str(os.getenv("XLA_FLAGS")),
@@ -258,10 +258,10 @@ def _surroundings() -> tuple[str, ...]:
 
 
 def _source() -> str:
-    """A sum of the source of this package.
+    """A hash of the source of this package.
 
     Raises:
-        NotKeptError: it is not there to be read, or not what this process runs.
+        NotKeptError: the source cannot be read, or has changed since this process started.
     """
     files = _files()
     if not files or any(os.stat(file).st_mtime > _STARTED for file in files):
@@ -270,7 +270,7 @@ def _source() -> str:
 
 
 def source_sum() -> str:
-    """A sum of the source of this package as it lies there now."""
+    """A hash of the current source files of this package."""
     total = hashlib.sha256()
     for file in _files():
         with open(file, "rb") as lines:
@@ -287,7 +287,7 @@ def _files() -> list[str]:
 
 
 def processor() -> str:
-    """What tells processors with other instructions apart; where the system does not say, this machine's name."""
+    """A text that identifies the instructions of the processor; the name of the machine if the system has none."""
     try:
         lines = sorted(set(_PROCESSOR.findall(Path("/proc/cpuinfo").read_text())))
     except OSError:
@@ -296,7 +296,7 @@ def processor() -> str:
 
 
 def _constants(module: str) -> str:
-    """A sum of the constants that a module and those it uses have now, for somebody may have set one of them."""
+    """A hash of the current constants of a module and of all modules it uses, as a user may have changed one."""
     slots = _slots(module)
     values = [names.get(key) for names, key in slots]
     last = _LAST.get(module)
@@ -309,7 +309,7 @@ def _constants(module: str) -> str:
 
 @functools.cache
 def _slots(module: str) -> list[tuple[dict[str, Any], str]]:
-    """The names of constants and functions in a module of this package and in all that its names lead to."""
+    """The names of constants and functions in a module of this package and in all modules its names lead to."""
     found, ahead = {module: None}, [module]
     while ahead:
         for value in list(vars(sys.modules[ahead.pop()]).values()):
@@ -317,7 +317,7 @@ def _slots(module: str) -> list[tuple[dict[str, Any], str]]:
             if isinstance(name, str) and name.startswith(f"{_PACKAGE}.") and name in sys.modules and name not in found:
                 found[name] = None
                 ahead.append(name)
-    # What keeps programs is not part of them, and differs from process to process.
+    # The modules that keep executables do not affect them, and differ from process to process.
     spaces = [vars(sys.modules[name]) for name in found if name not in (__name__, storage.__name__)]
     return [(names, key) for names in spaces for key in sorted(names) if _is_constant(key, names[key])]
 

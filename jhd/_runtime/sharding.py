@@ -11,11 +11,11 @@ _R = TypeVar("_R")
 
 
 def shared_by_devices(function: Callable[..., _R]) -> Callable[..., _R]:
-    """The function, which under vmap leaves to each device what lies there, if the batch is explicitly sharded.
+    """The function, which under vmap of an explicitly sharded batch computes each part on its own device.
 
-    Of such arrays JAX loops over no axis and looks nothing up without being told where results are to lie. Within
-    jax.shard_map each device has plain arrays. Other batches are computed as ever. What is explicitly sharded has no
-    derivative in reverse here.
+    For such arrays JAX needs the sharding of the results of every loop and every lookup. Within jax.shard_map each
+    device has plain arrays. Other batches are computed as usual. Explicitly sharded arrays have no reverse-mode
+    derivative here.
     """
     single = custom_vmap(function)
 
@@ -34,7 +34,7 @@ def shared_by_devices(function: Callable[..., _R]) -> Callable[..., _R]:
 
 
 def is_partitioned(values: Any) -> bool:
-    """Whether arrays lie on several devices in a way in which a program cannot call the host.
+    """Whether arrays lie on several devices in such a way that a compiled function cannot call the host.
 
     Within jax.shard_map over all axes of a mesh each device calls by itself.
     """
@@ -44,13 +44,13 @@ def is_partitioned(values: Any) -> bool:
 
 
 def _may_be_shared(values: Any) -> bool:
-    """Whether arrays are on explicit axes of a mesh; those of a batch are not told from those of its members."""
+    """Whether arrays are on explicit axes of a mesh; axes of a batch and of its members are not distinguished."""
     meshes = [jax.typeof(x).sharding.mesh for x in jax.tree_util.tree_leaves(values)]
     return any(AxisType.Explicit in mesh.axis_types for mesh in meshes)
 
 
 def _on_own_devices(function: Callable[..., _R], leaves: list[Any], axes: list[int | None]) -> Callable[..., _R]:
-    """The function of these arrays, of which those with an axis of the batch are computed where they lie."""
+    """The function, computed on the devices of the arrays that have a batch axis, for arguments like `leaves`."""
     shardings = [jax.typeof(x).sharding for x, axis in zip(leaves, axes, strict=True) if axis is not None]
     sharding = next((x for x in shardings if x.spec and x.spec[0] is not None), None)
     if sharding is None:

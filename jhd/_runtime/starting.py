@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-# What a shell makes of an interrupt.
+# Exit status that shells use for an interrupt.
 INTERRUPTED = 130
 
 
@@ -21,7 +21,7 @@ def is_command_line() -> bool:
 
 
 def tell_interrupts() -> None:
-    """Lets an interrupt that nobody catches end the process with status 130 and one line."""
+    """Let an interrupt that is not caught end the process with status 130 and one line."""
     usual = sys.excepthook
 
     def hook(kind: type[BaseException], error: BaseException, trace: Any) -> None:

@@ -15,27 +15,27 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-# Bytes that are kept at most: some hundred programs; the oldest files go until a tenth is free again.
+# Most bytes kept, some hundred executables; beyond it the oldest files are removed until a tenth is free.
 LIMIT = 512 << 20
 _SHARE = 0.9
 _MARK = b"jhd program 1\n"
 _SUM = hashlib.sha256().digest_size
-# Where a folder is on Windows says who can write it; there are no modes.
+# On Windows the location of a folder determines who can write to it; there are no modes.
 _POSIX = os.name == "posix"
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
-# Seconds after which a file is noted to be in use again, and after which one that is still being written never will be.
+# Seconds after which the use of a file is noted again, and after which an unfinished file counts as abandoned.
 _HOUR = 3600.0
 
 
 class Contents(NamedTuple):
-    """What a folder holds: the number of files and their bytes."""
+    """Content of a folder: the number of files and their bytes."""
 
     files: int
     size: int
 
 
 def cache_folder(platform: str, variable: Callable[[str], str | None] = os.getenv) -> Path:
-    """The folder for what is compiled, where the platform keeps caches; a relative XDG_CACHE_HOME is void."""
+    """The cache folder by the rules of the platform; a relative XDG_CACHE_HOME is ignored."""
     named = Path(variable("XDG_CACHE_HOME") or "")
     if named.is_absolute():
         return named / "jhd"
@@ -46,7 +46,7 @@ def cache_folder(platform: str, variable: Callable[[str], str | None] = os.geten
 
 
 def chosen_folder() -> Path | None:
-    """The folder that JHD_CACHE names, else that of the platform; None where it says 0 or there is no home."""
+    """The folder that JHD_CACHE names, or the folder of the platform; None if JHD_CACHE is 0 or there is no home."""
     chosen = os.getenv("JHD_CACHE", "")
     if chosen == "0":
         return None
@@ -57,13 +57,13 @@ def chosen_folder() -> Path | None:
 
 
 def programs_folder() -> Path | None:
-    """The folder of programs, whether it is there or not; None where none are to be kept."""
+    """The folder of executables, which need not exist; None if none are kept."""
     folder = chosen_folder()
     return None if folder is None else folder / "programs"
 
 
 def refusal(folder: Path) -> str | None:
-    """Why a folder that is there is not used; None where it is."""
+    """The reason why an existing folder is not used; None if it is used."""
     try:
         found = folder.lstat()
     except OSError as error:
@@ -78,7 +78,7 @@ def refusal(folder: Path) -> str | None:
 
 
 def made(folder: Path) -> bool:
-    """Whether the folder is there, made if need be, for this user alone, and safe."""
+    """Create the folder, for this user only, unless it exists; return whether it exists and is safe."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError:
@@ -87,7 +87,7 @@ def made(folder: Path) -> bool:
 
 
 def read(folder: Path, name: str) -> bytes | None:
-    """What was stored under a name; None where there is nothing, or nothing that is whole and ours."""
+    """The body stored under a name; None if there is none, it is damaged, or the file is not ours."""
     if refusal(folder) is not None:
         return None
     try:
@@ -106,7 +106,7 @@ def read(folder: Path, name: str) -> bytes | None:
 
 
 def write(folder: Path, name: str, body: bytes) -> bool:
-    """Stores something under a name, in place of what was there; whether that was possible."""
+    """Store a body under a name, replacing any earlier one; return whether this was possible."""
     try:
         if not made(folder):
             return False
@@ -127,7 +127,7 @@ def write(folder: Path, name: str, body: bytes) -> bool:
 
 
 def contents(folder: Path) -> Contents:
-    """What lies in a folder."""
+    """The number and the bytes of the files in a folder."""
     sizes = [found.st_size for _, found in _files(folder)]
     return Contents(len(sizes), sum(sizes))
 
@@ -143,7 +143,7 @@ def _ours(found: os.stat_result) -> bool:
 
 
 def _files(folder: Path) -> list[tuple[Path, os.stat_result]]:
-    """The files of a folder that are there still when they are looked at."""
+    """The files of a folder with their status, without files that disappear meanwhile."""
     found = []
     try:
         entries = list(os.scandir(folder))
@@ -159,7 +159,7 @@ def _files(folder: Path) -> list[tuple[Path, os.stat_result]]:
 
 
 def _make_room(folder: Path) -> None:
-    """Removes what a killed process had begun to write, and the oldest files where there are too many bytes."""
+    """Remove unfinished files of killed processes, and the oldest files if there are too many bytes."""
     files = sorted(_files(folder), key=lambda file: file[1].st_mtime)
     size = sum(found.st_size for _, found in files)
     room = size if size <= LIMIT else int(_SHARE * LIMIT)

@@ -69,13 +69,13 @@ def as_shape(shape: ShapeLike) -> Shape:
 
 
 def check_shape(name: str, value: object) -> None:
-    """Raises TypeError unless the value is a shape of jhd."""
+    """Raise TypeError unless the value is a shape of jhd."""
     if not isinstance(value, Shape):
         raise TypeError(f"{name} must be {_ACCEPTED}; got {kind_of(value)}.")
 
 
 def check_several(name: str, shapes: object) -> None:
-    """Raises TypeError if one shape, or an object that is not a list, is passed instead of a list of shapes."""
+    """Raise TypeError if one shape, or an object that is not a list, is passed instead of a list of shapes."""
     if isinstance(shapes, Shape):
         raise TypeError(f"{name} must be a list of shapes; got a single {type(shapes).__name__}.")
     if not hasattr(shapes, "__iter__") and not hasattr(shapes, "__getitem__"):
@@ -83,7 +83,7 @@ def check_several(name: str, shapes: object) -> None:
 
 
 def check_rows_first(entry: str, points: object) -> None:
-    """Raises TypeError if a shape is passed instead of the points, which come first."""
+    """Raise TypeError if a shape is passed instead of the points, which come first."""
     if isinstance(points, Shape):
         raise TypeError(f"points is a {type(points).__name__}; {entry} takes an array of points first, then the shape.")
 
@@ -103,6 +103,7 @@ def taken_as(name: str | None, value: Any) -> Any:
 
 
 def _converted(value: Any) -> Any:
+    """The shape that an object of another package, a pair of tables or rows of points stands for; else the object."""
     if isinstance(value, tuple | list) and any(isinstance(entry, Shape) for entry in value):
         raise TypeError(
             f"a {type(value).__name__} of {len(value)} shapes is not one shape; use jhd.pairwise, nearest_shapes or "
@@ -140,12 +141,12 @@ def _is_rows(value: Any) -> bool:
     """Whether the value is an array of numbers, or converts to one."""
     if isinstance(value, tuple | list):
         return True
-    # PyVista's objects are no arrays, whatever NumPy makes of them.
+    # Objects of PyVista do not count as arrays, although NumPy converts them.
     return hasattr(value, "__array__") and not hasattr(value, "points") and np.ndim(value) > 0
 
 
 def _array(value: Any) -> np.ndarray:
-    """An array of an object of another package, on the host."""
+    """A NumPy array from an array of another package; tensors without `__array__` are converted by `numpy()`."""
     made = hasattr(value, "numpy") and not hasattr(value, "__array__")
     found = value.numpy() if made else value
     return bare_array("the array", found if isinstance(found, np.ndarray) else np.asarray(found))
@@ -172,7 +173,7 @@ def _parts_of(value: Any) -> tuple[Any, Any, Any] | None:
 
 
 def _is_grid(value: Any) -> bool:
-    """Whether it has points in cells, as PyVista's grids and meshio's meshes have, and not as faces."""
+    """Whether the object has cells instead of faces, as grids of PyVista and meshes of meshio have."""
     return not hasattr(value, "faces") and (hasattr(value, "cells") or bool(getattr(value, "n_cells", 0)))
 
 
@@ -192,7 +193,7 @@ def _assembled(places: Any, faces: Any, lines: Any) -> Shape:
 
 
 def _triangles(cells: np.ndarray) -> np.ndarray:
-    """Triangles in rows; PyVista's stand one after the other, each behind its number of corners."""
+    """Triangles in rows, also from PyVista's flat list, in which the number of corners precedes each triangle."""
     if cells.ndim == 2:
         return cells
     if len(cells) % 4 == 0 and np.all(cells[::4] == 3):
@@ -223,8 +224,8 @@ def spline_of(value: Any) -> Spline | None:
     """The curve or surface of a spline object of SciPy, geomdl or splinepy; None for other objects.
 
     Raises:
-        ValueError: a spline in more than two parameters, a trimmed spline, or as for our classes.
-        TypeError: as for our classes.
+        ValueError: a spline in more than two parameters, a trimmed spline, or data that our classes refuse.
+        TypeError: data of types that our classes refuse.
     """
     if _has(value, "t", "c", "k"):
         return _of_scipy(value) if isinstance(value.t, tuple | list) else BSplineCurve.from_scipy(value)

@@ -107,9 +107,9 @@ class BiarcCurve(eqx.Module):
         return BezierSegments(rows, weights, self.next_segment)
 
     def _parts(self) -> tuple[Any, Any, Any, Any, Any]:
-        """NumPy where the arcs are known; bulge, middle of the chord, chord, and its length, one where there is none.
+        """The array module, and bulge, middle of the chord, chord, and length of the chord (one if it is zero).
 
-        In JAX each of the operations would be compiled for each number of arcs.
+        The module is NumPy for known arcs: JAX would compile each operation for each number of arcs.
         """
         xp = jnp if is_traced(self) else np
         start, end, b = xp.asarray(self.start), xp.asarray(self.end), xp.asarray(self.bulge)[..., None]
@@ -207,13 +207,13 @@ def _checked(curve: Any) -> BezierSegments:
 
 
 def _lines(segments: BezierSegments) -> HostArcs:
-    """Points and lines are arcs themselves."""
+    """Points and lines as arcs of bulge zero."""
     points, zeros = complex_points(np.asarray(segments.control_points, np.float64)), np.zeros(segments.count)
     return HostArcs(np.arange(segments.count), zeros, zeros + 1, points[:, 0], points[:, -1], zeros, zeros)
 
 
 def _assembled(segments: BezierSegments, arcs: HostArcs) -> BiarcCurve:
-    """The arcs, each with the one that follows it."""
+    """The arcs, each linked to the next arc of the curve."""
     last = np.append(arcs.segment[1:] != arcs.segment[:-1], True)
     first = np.searchsorted(arcs.segment, np.arange(segments.count))
     onward = np.asarray(segments.next_segment)[arcs.segment]

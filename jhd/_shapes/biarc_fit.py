@@ -16,28 +16,28 @@ from jhd._arithmetic.bernstein import basis, binomials
 from jhd._runtime.arrays import joined
 from jhd._shapes.deviation import SHORT, HostArcs, HostCurve, Pieces, deviation, evaluated, pieces_of
 
-# Places inside a piece where the sign of the joint's equation is looked at, and most steps of the root find after that.
+# Parameters inside a piece at which the joint's equation is sampled, and most steps of the root find after that.
 _SAMPLES, _STEPS = 15, 12
-# The root find ends where no parameter moves by more.
+# The root find ends when no parameter moves by more.
 _CLOSE = 1e-13
 # The equation of the joint holds everywhere on lines and circles; below this it is rounding.
 _FLAT = 1e-12
-# A velocity below this share of the largest one has no direction of its own.
+# A velocity below this fraction of the largest one has no reliable direction.
 _STILL = 1e-9
-# A control point this near to an end, as a share of the farthest, gives the tangent there no direction.
+# A control point this near to an end, as a fraction of the farthest, gives no tangent direction there.
 _NEAR = 1e-3
-# Pieces of this share of the tolerance that no biarc fits (cusps) become lines.
+# Pieces below this fraction of the tolerance that no biarc fits (cusps) become lines.
 _SPECK = 1 / 16
-# A biarc of length h errs by h^2 / 324 times the change of curvature, where that grows evenly (Meek & Walton 1995). No
-# biarc is tried where this is above so many tolerances.
+# A biarc of length h errs by h^2 / 324 times the change of curvature if the curvature grows evenly (Meek & Walton
+# 1995). No biarc is tried if this error exceeds _HOPELESS tolerances.
 _SHARE, _HOPELESS = 324, 4
 
 
 def fitted(curve: HostCurve, tolerance: float) -> HostArcs:
-    """Arcs within tolerance of their pieces: biarcs if they fit, lines where nothing is curved, else both halves.
+    """Arcs within tolerance of their pieces: biarcs if they fit, lines for straight pieces, else both halves.
 
-    In order of segments and parameters. Where no parameter lies between the ends of a piece that is too long, its line
-    has a larger deviation.
+    In order of segments and parameters. If a piece is too long but no float lies between its end parameters, it
+    becomes a line with a larger deviation.
     """
     count = curve.rows.shape[1]
     zeros = np.zeros(count)
@@ -68,7 +68,7 @@ def fitted(curve: HostCurve, tolerance: float) -> HostArcs:
 
 
 def _measured(curve: HostCurve, lines: HostArcs, pieces: Pieces, wanted: np.ndarray) -> HostArcs:
-    """With the deviations of the lines if they are wanted or may be due to rounding alone, else infinite."""
+    """The lines with their deviations, if wanted or possibly due to rounding alone; the others get infinity."""
     length = np.maximum(np.abs(pieces.chord), SHORT)
     off = np.abs(np.imag(pieces.offsets * pieces.chord.conj())).max(axis=0)
     rows = np.flatnonzero(wanted | (off <= 2 * np.ldexp(curve.rounding, -curve.first - curve.second) * length))
@@ -79,7 +79,7 @@ def _measured(curve: HostCurve, lines: HostArcs, pieces: Pieces, wanted: np.ndar
 
 
 def _hopeless(curve: HostCurve, pieces: Pieces, tolerance: float) -> np.ndarray:
-    """Polynomial pieces whose curvature changes too much from end to end, by a product that divides by nothing."""
+    """Mask of the polynomial pieces whose curvature changes too much from end to end; free of divisions."""
     n, q = curve.degree, pieces.offsets
     if curve.weights is not None or n < 2:
         return np.zeros(q.shape[1], bool)
@@ -92,7 +92,7 @@ def _hopeless(curve: HostCurve, pieces: Pieces, tolerance: float) -> np.ndarray:
 
 
 def _biarc(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[HostArcs, HostArcs, np.ndarray]:
-    """Both arcs of a biarc for each span, measured, and whether there is one; if not, the numbers mean nothing."""
+    """Both arcs of a biarc for each span with deviations, and whether the biarc exists; otherwise ignore the arcs."""
     first, last = _tangents(curve, spans, pieces)
     chord = np.maximum(np.abs(pieces.chord), SHORT)
     slack = np.ldexp(curve.rounding, -curve.first - curve.second) / chord
@@ -110,9 +110,9 @@ def _biarc(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[HostArcs,
 
 
 def _tangents(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
-    """Unit tangents at both ends; where the velocity vanishes, from the piece's own control points.
+    """Unit tangents at both ends; if the velocity vanishes, from the piece's own control points.
 
-    The direction of (X / W)' is that of X' W - X W'.
+    (X / W)' has the direction of X' W - X W'.
     """
     both = np.concatenate([spans.segment, spans.segment])
     t, rows = np.concatenate([spans.t0, spans.t1]), curve.rows[:, both]
@@ -131,7 +131,7 @@ def _tangents(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[np.nda
 
 
 def _away(offsets: np.ndarray) -> np.ndarray:
-    """From each first control point to the next one that is not at the same place."""
+    """The vector from each first control point to the next control point that differs from it."""
     away = offsets[1:] - offsets[:1]
     next_ = np.argmax(np.abs(away) > _NEAR * np.abs(away).max(axis=0), axis=0)
     return away[next_, np.arange(away.shape[1])]
@@ -139,7 +139,7 @@ def _away(offsets: np.ndarray) -> np.ndarray:
 
 @cache
 def _samples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places inside [0, 1], the Bernstein polynomials there, and the matrix from their coefficients to powers."""
+    """Parameters inside [0, 1], Bernstein polynomials there, and the matrix to coefficients of powers."""
     inner, powers = np.arange(1, _SAMPLES + 1) / (_SAMPLES + 1), np.arange(n + 1)
     change = np.zeros((n + 1, n + 1))
     for i in powers:
@@ -149,12 +149,12 @@ def _samples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _joint(pieces: Pieces, turn: np.ndarray, slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where in its piece, as a share of the parameters, the curve crosses the circle of joints; and whether it does.
+    """Relative parameter at which each piece crosses its circle of joints, and whether it does.
 
     Arcs from 0 to z with the tangent T_0 and from z to v with the tangent T_1 have one tangent at z if and only if the
-    direction of z^2 conj(v - z)^2 conj(T_0) T_1 is 1. Only inner places count, and of several the one next to the
-    middle; the middle itself where the equation holds everywhere, or holds there up to `slack`, the angle that rounded
-    ends are wrong by.
+    direction of z^2 conj(v - z)^2 conj(T_0) T_1 is 1. Only inner parameters count, and of several the one next to the
+    middle. It is the middle itself if the equation holds everywhere, or holds there up to `slack`, the angle by which
+    rounded ends are wrong.
     """
     chord, weights = pieces.chord, pieces.weights
     rows = pieces.offsets if weights is None else pieces.offsets * weights
@@ -205,7 +205,7 @@ def _horner(c: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def _root(f: Callable[[np.ndarray], np.ndarray], a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Where f vanishes between a and b, at which it has opposite signs; the Illinois rule."""
+    """A zero of f between a and b, at which f has opposite signs, by the Illinois rule."""
     fa, fb = f(a), f(b)
     for _ in range(_STEPS):
         slope = fb - fa

@@ -228,7 +228,7 @@ class BSplineCurve(AbstractCurve):
         if is_traced(points, weights, knots):
             points, weights, jumps = _compiled_pieces(points, weights, knots, periodic)
         else:
-            # An optimizer may have changed what the constructor checked.
+            # An optimizer may have changed the knots since the constructor checked them.
             knots = np.asarray(knots)
             _check_knots(knots, points.shape[0], periodic)
             # On the host: a function would be compiled for every number of points.
@@ -363,7 +363,7 @@ def _rows(control_points: Numbers) -> Array:
 
 
 def _refuse_degree(name: str, given: object) -> None:
-    """Raises TypeError if a degree is passed instead of an array."""
+    """Raise TypeError if a degree is passed instead of an array."""
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         raise TypeError(f"{name} is {given}; BSplineCurve() takes no degree: {_NO_DEGREE}.")
 

@@ -136,7 +136,7 @@ class BSplineSurface(AbstractPatch):
             # Some of its numbers may be known.
             pieces = _pieces(jax.tree_util.tree_map(jnp.asarray, unit))
         else:
-            # An optimizer may have changed what the constructor checked.
+            # An optimizer may have changed the knots since the constructor checked them.
             _check_knots("knots_u", self.knots_u, "rows", self.control_points.shape[0])
             _check_knots("knots_v", self.knots_v, "columns", self.control_points.shape[1])
             # On the host: a function would be compiled for every number of points.

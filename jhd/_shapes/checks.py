@@ -20,7 +20,7 @@ Numbers = TypeAliasType("Numbers", ArrayLike | Row | Table | Sequence[Table] | S
 
 
 def check_control_points(control_points: Array, weights: Array | None, axes: tuple[str, ...]) -> None:
-    """Raises ValueError unless the arrays have these axes, two or three coordinates and positive weights to match.
+    """Raise ValueError unless the arrays have these axes, two or three coordinates and positive weights to match.
 
     Args:
         control_points: their coordinates.
@@ -56,13 +56,13 @@ def check_control_points(control_points: Array, weights: Array | None, axes: tup
 
 
 def check_same_dim(a: int, b: int) -> None:
-    """Raises ValueError unless both shapes have as many coordinates a point."""
+    """Raise ValueError unless points of both shapes have equally many coordinates."""
     if a != b:
         raise ValueError(f"a has {a} coordinates a point and b has {b}; needs the same.")
 
 
 def check_degrees(dtype: DTypeLike, *degrees: int) -> None:
-    """Raises ValueError if a degree is larger than any that functions are compiled for."""
+    """Raise ValueError if a degree exceeds the largest one for which functions are compiled."""
     limit = largest_degree(dtype)
     if max(degrees) > limit:
         raise ValueError(
@@ -100,7 +100,7 @@ def checked_between(name: str, t: Numbers, lower: ArrayLike, upper: ArrayLike) -
         raise ValueError(f"{name} has shape {value.shape}; needs a scalar.")
     if is_traced(t, lower, upper):
         return value
-    # From t and not from the array, which is a tracer wherever a function is being compiled.
+    # From t and not from the array, which is a tracer inside a compiled function.
     number, low, high = (float(np.asarray(x)) for x in (t, lower, upper))
     if not low < number < high:
         raise ValueError(f"{name} is {number:g}; needs {low:g} < {name} < {high:g}.")
@@ -116,7 +116,7 @@ def checked_parameter(name: str, t: Numbers) -> Array:
 
 
 def usable_numbers(control_points: Any, weights: Any) -> Any:
-    """Whether points are finite, and weights finite, positive and within the largest ratio; of NumPy or of JAX."""
+    """Whether points are finite, and weights finite, positive and within the largest ratio; NumPy or JAX arrays."""
     xp: Any = module_of(control_points)
     good = xp.all(xp.isfinite(control_points))
     if weights is None:

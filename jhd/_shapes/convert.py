@@ -18,7 +18,7 @@ _VERTICES = {_STOP: 1, _MOVETO: 1, _LINETO: 1, _CURVE3: 2, _CURVE4: 3, _CLOSEPOL
 
 
 def outline_arrays(contours: list[list[np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Control points (segments, points, dim) in the largest degree, and for each segment the one that follows.
+    """Control points (segments, points, dim) in the largest degree, and the index of the segment after each.
 
     The next segment of the contour follows; after the last one the first, if the contour returns to its start, and -1
     otherwise.
@@ -42,7 +42,7 @@ def outline_arrays(contours: list[list[np.ndarray]]) -> tuple[np.ndarray, np.nda
 
 
 def path_contours(path: Any) -> list[list[np.ndarray]]:
-    """The contours of a matplotlib Path; a contour without a segment (a lone MOVETO) is left out.
+    """The contours of a matplotlib Path; contours without a segment (a lone MOVETO) are left out.
 
     Raises:
         TypeError: an object without `vertices` and `codes`.
@@ -129,7 +129,7 @@ def _chains(geometry: Any) -> list[np.ndarray]:
         return []
     kind = geometry.geom_type
     if kind in ("Point", "LineString", "LinearRing"):
-        # A measure, where there is one, is the last column and no coordinate.
+        # A measure, if present, is the last column and no coordinate.
         return [np.asarray(geometry.coords, dtype=float)[:, : 3 if geometry.has_z else 2]]
     if kind == "Polygon":
         return [chain for ring in (geometry.exterior, *geometry.interiors) for chain in _chains(ring)]

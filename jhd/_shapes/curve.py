@@ -50,11 +50,11 @@ class AbstractCurve(eqx.Module):
 
     @abstractmethod
     def reverse(self) -> "AbstractCurve":
-        """The same point set, traversed in the opposite direction."""
+        """The curve, traversed in the opposite direction."""
 
     @abstractmethod
     def elevate(self, degree: int) -> "AbstractCurve":
-        """The same curve in a higher degree."""
+        """The curve, written in a higher degree."""
 
     @abstractmethod
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractCurve":
@@ -427,7 +427,7 @@ class BezierSegments(AbstractCurve):
 
 
 def check_curve(name: str, value: object) -> None:
-    """Raises TypeError unless the value is a curve."""
+    """Raise TypeError unless the value is a curve."""
     if not isinstance(value, AbstractCurve):
         raise TypeError(
             f"{name} must be a curve (BezierCurve, BSplineCurve, BezierSegments; see also jhd.point_set, "
@@ -436,6 +436,7 @@ def check_curve(name: str, value: object) -> None:
 
 
 def _approximated(curve: AbstractCurve, degree: int, tolerance: Numbers, most: int) -> "Approximation[BezierSegments]":
+    """The checked curve as lines (degree 1) or cubics (degree 3) within the tolerance, with their largest deviation."""
     if is_traced(curve, tolerance):
         raise TypeError(
             "an approximation needs a concrete curve and tolerance: the number of segments depends on them."

@@ -24,14 +24,14 @@ SHORT = 2.0**-200
 
 
 class HostArcs(NamedTuple):
-    """Arcs on the host; places and deviations in the user's coordinates, rounded to the precision of the curve.
+    """Arcs on the host; points and deviations in the user's coordinates, rounded to the precision of the curve.
 
     Args:
         segment: the segment of the curve that each arc stands for.
-        t0: where its piece starts.
-        t1: where it ends.
-        start: where the arc starts, a complex number.
-        end: where it ends.
+        t0: parameter at the start of its piece.
+        t1: parameter at the end of its piece.
+        start: first point of the arc, a complex number.
+        end: last point of the arc.
         bulge: tan(sweep / 4), positive to the left.
         deviation: proven bound of the Hausdorff distance of the arc and its piece.
     """
@@ -50,15 +50,15 @@ class HostArcs(NamedTuple):
 class HostCurve(NamedTuple):
     """A curve in float64: local coordinates x = 2^-second (2^-first x_user - center), of size at most one."""
 
-    rows: np.ndarray  # (points, segments) local control points, times weights where there are any
+    rows: np.ndarray  # (points, segments) local control points, times weights if there are any
     weights: np.ndarray | None  # of size at most one
     ends: np.ndarray  # (2, segments) first and last control points, in the user's coordinates
     center: complex
     first: int
     second: int
     dtype: np.dtype
-    noise: float  # what the rounding of local numbers adds to a deviation, in local units
-    rounding: float  # the deviation that lines have by rounding alone, that of the ends of arcs included; user's unit
+    noise: float  # rounding error of a deviation from local numbers, in local units
+    rounding: float  # deviation of lines by rounding alone, also of the ends of arcs; user's unit
 
     @classmethod
     def of(cls, curve: BezierSegments) -> "HostCurve":
@@ -71,7 +71,7 @@ class HostCurve(NamedTuple):
         x, y = np.real(points), np.imag(points)
         center = 0.5 * complex(x.min() + x.max(), y.min() + y.max())
         points = points - center
-        # Where all points are one, nothing is left that an error could be relative to.
+        # If all points coincide, no size is left to which an error could be relative.
         second = int(common_exponent(_size(points), nothing=-200))
         points, weights = scaled(points, -second), None
         if curve.weights is not None:
@@ -84,7 +84,7 @@ class HostCurve(NamedTuple):
 
     @property
     def least(self) -> float:
-        """The least deviation that can be asked for: four times what rounding adds."""
+        """Least deviation that can be requested: four times the deviation by rounding alone."""
         return 4 * self.rounding
 
     @property
@@ -142,7 +142,7 @@ def evaluated(rows: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Pieces(NamedTuple):
-    """Pieces of the curve, relative to where their arcs start, in local units."""
+    """Pieces of the curve relative to the starts of their arcs, in local units."""
 
     offsets: np.ndarray  # (points, pieces) control points
     weights: np.ndarray | None
@@ -179,8 +179,8 @@ def deviation(curve: HostCurve, pieces: Pieces, bulge: np.ndarray) -> np.ndarray
     1. rho, the largest radial distance. The Bernstein coefficients of (sum W_i B_i)^2 G(x(t)) over those of
        (sum W_i B_i)^2 are means, with the weights C(n,i) C(n,j) W_i W_j over i + j = k, of the polar values
        g_ij = 2 b q_i.q_j - l_i - l_j with l_i = b q_i.v + (1 - b^2) q_i.n / 2. So are those of both halves of the
-       piece, which are closer to G; the largest of their sizes, g, bounds |G|. So rho <= g / R =: rho_0; and then
-       |w| >= R - 2 |b| rho_0, which gives rho <= g / (2 (R - |b| rho_0)) where |b| rho_0 <= R / 2.
+       piece, which are closer to G; their largest size g bounds |G|. So rho <= g / R =: rho_0; and then
+       |w| >= R - 2 |b| rho_0, which gives rho <= g / (2 (R - |b| rho_0)) if |b| rho_0 <= R / 2.
     2. The piece stays on the arc's side of the center. Required is w(q_i).n < 0 for all i. It is affine in x, so
        w(x).n < 0 on the whole piece: with k the unit vector from o to the middle of the arc, (x - o).k > 0 (for a line
        it holds everywhere).
@@ -202,7 +202,7 @@ def deviation(curve: HostCurve, pieces: Pieces, bulge: np.ndarray) -> np.ndarray
 
     Rounding, in local units, where coordinates are at most one. (i) The control points of the piece are off by at
     most sqrt(2) gamma(3 n + 3) in all: centering, restriction, one subtraction of size two. Rational ones by
-    sqrt(2) gamma(6 n + 6), and a relative change gamma(3 n) of the weights moves the curve by that share of its
+    sqrt(2) gamma(6 n + 6), and a relative change gamma(3 n) of the weights moves the curve by that fraction of its
     diameter, which is at most 2 sqrt(2). (ii) An arc is the image (1 - z) A + z B of its ends, in complex numbers, with
     |z|, |1 - z| <= 1, so it moves by no more than both ends together: sqrt(2) u and (sqrt(2) + 2 sqrt(2)) u.
     Both are below `noise`, which is added at the end; offsets, weights, chord and bulge then count as exact. (iii) The
@@ -239,7 +239,7 @@ def deviation(curve: HostCurve, pieces: Pieces, bulge: np.ndarray) -> np.ndarray
 
 
 def _largest_mean(pieces: Pieces, linear: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The largest |coefficient| of G over those of the squared weights: step 1 of `deviation`."""
+    """The largest |coefficient| of G divided by coefficients of the squared weights: step 1 of `deviation`."""
     q, n = pieces.offsets, len(pieces.offsets) - 1
     i, j, gather = _halved_diagonals(n)
     first, second = q[i], q[j]
@@ -252,9 +252,9 @@ def _largest_mean(pieces: Pieces, linear: np.ndarray, b: np.ndarray) -> np.ndarr
 
 @cache
 def _halved_diagonals(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs i <= j, and the (4 n + 2, pairs) matrix of their shares in the coefficients of both halves of a square.
+    """Pairs i <= j, and the (4 n + 2, pairs) matrix of their factors in the coefficients of both halves of a square.
 
-    The shares in a coefficient sum to one: those of i + j = k are C(n,i) C(n,j) / C(2n,k), twice for i < j, and a
+    The factors for a coefficient sum to one. For i + j = k they are C(n,i) C(n,j) / C(2n,k), twice for i < j, and a
     half has the coefficients sum C(k,l) / 2^k c_l.
     """
     i, j = np.triu_indices(n + 1)

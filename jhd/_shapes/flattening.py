@@ -18,7 +18,7 @@ it bounds the distance of the images. Halving divides it by about 64. (The weigh
 w is at least 1e-8, so a relative margin of 1e-5 covers this.) The distance of the stored points from the exact ones is
 added, and rounding is treated as below.
 
-A line may be written with its own weights, those of the ends of the piece: its points then move along it, towards the
+A line may be written with the weights of the ends of the piece: its points then move along it, towards the
 points of the piece at equal parameters.
 
 All computations use coordinates of order one about a common center, with the lines and cubics as they are stored.
@@ -27,7 +27,7 @@ pass 3 n roundings and two more, with factors that add up to the weight; the ter
 and the quotient pass fewer than 20 more. Each of N / w and Q enters with size r, so the bound is off by at most 2
 sqrt(dim) gamma(6 n + 30) r.
 
-Source: Farin, Curves and Surfaces for CAGD (2002), chapters 4, 5 and 13; the bound is the one of `tessellation`. The
+Source: Farin, Curves and Surfaces for CAGD (2002), chapters 4, 5 and 13; the bound is as in `tessellation`. The
 cubics of arcs are those of Floater, An O(h^2n) Hermite approximation for conic sections, CAGD 14 (1997); their bound is
 ours.
 """
@@ -40,9 +40,9 @@ from jhd._arithmetic.bernstein import product_weights
 from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.scaling import common_exponent, unit_weights
 
-# Arcs of ellipses have a middle weight farther below 1 than that; what the rounding of weights makes of their bound.
+# Arcs of ellipses have a middle weight below 1 by more than this; relative rounding error of their bound.
 _BENT, _ROOM = 1e-8, 1e-5
-# Halvings after which a piece has no length left that its ends could tell.
+# Halvings after which the ends of a piece no longer differ.
 _DEEPEST = 40
 
 
@@ -67,7 +67,7 @@ def restricted(rows: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
 
 
 class _LocalCurve(NamedTuple):
-    """Segments about a center, divided by powers of two, and the way back."""
+    """Segments in local coordinates, about a center and divided by powers of two, with the numbers to convert back."""
 
     net: np.ndarray  # (degree + 1, segments, dim + 1): points times weights, and weights
     ends: np.ndarray  # (2, segments, dim): first and last control points as they are stored
@@ -89,12 +89,12 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, toler
     """Lines (degree 1) or cubics (degree 3) within tolerance of Bezier segments (segments, points, dim).
 
     Raises:
-        ValueError: more than `most` pieces are needed, or tolerance is below what rounding allows.
+        ValueError: more than `most` pieces are needed, or tolerance is below the rounding of coordinates.
     """
     curve = _local(points, weights)
     count = len(points)
     if points.shape[1] == 2 and degree == 1:
-        # A line is one whatever its weights are.
+        # A line is straight whatever its weights are.
         return FlatPieces(points, np.arange(count), 0.0)
     unit = curve.first + curve.second
     # Below that no number of pieces is enough, since their ends are rounded.
@@ -107,7 +107,7 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, toler
         pieces, bound = _pieces(curve, segment, t0, t1, degree)
         with np.errstate(over="ignore"):
             bound = np.nextafter(np.ldexp(bound, unit), np.inf)
-        # Written so that what is no number is halved, too.
+        # Written so that pieces with a bound of NaN are halved, too.
         good = bound <= tolerance
         done.append((segment[good], t0[good], pieces[good], bound[good]))
         segment, t0, t1 = segment[~good], t0[~good], t1[~good]
@@ -137,7 +137,7 @@ def _local(points: np.ndarray, weights: np.ndarray | None) -> _LocalCurve:
     low, high = scaled.min(axis=(0, 1)), scaled.max(axis=(0, 1))
     center = low + 0.5 * (high - low)
     about = scaled - center
-    # Far from the origin the curve may be small beside its coordinates.
+    # Far from the origin the curve may be small compared with its coordinates.
     second = int(common_exponent(about))
     about = np.ldexp(about, -second)
     heavy = np.ones(points.shape[:2]) if weights is None else unit_weights(weights.astype(np.float64))
@@ -187,7 +187,7 @@ def _pieces(
 
 
 def _across(apart: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """How far pieces are off across their lines, and beyond the ends; infinite for lines of no length.
+    """Bound of the distance of pieces from their lines, across and beyond the ends; infinite for lines of no length.
 
     Args:
         apart: coefficients (coefficients, pieces, dim) of the differences from the lines.
@@ -205,7 +205,7 @@ def _across(apart: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 class _EllipseArcs(NamedTuple):
-    """For rational quadratics: whether they are arcs of ellipses, their cubics, and how far these are off."""
+    """For rational quadratics: whether they are arcs of ellipses, their cubics, and the deviations of these."""
 
     round: np.ndarray  # (pieces, 1)
     cubic: np.ndarray  # (4, pieces, dim)
@@ -228,7 +228,7 @@ def _arcs(p: np.ndarray, w: np.ndarray) -> _EllipseArcs:
 
 
 def pieces_following(segment: np.ndarray, next_segment: np.ndarray) -> np.ndarray:
-    """For each piece the one that follows it: the next of its segment, or the first of the segment that follows."""
+    """Index of the piece after each piece: the next of its segment, or the first of the next segment; -1 at ends."""
     count = len(segment)
     first = np.searchsorted(segment, np.arange(len(next_segment)))
     nxt = np.arange(1, count + 1)

@@ -1,4 +1,4 @@
-"""Types of other packages: what functions accept, by the attributes that tell it apart, and what they return.
+"""Types of other packages: accepted arguments, by the attributes that tell them apart, and returned objects.
 
 None of these packages is imported. If one has no annotations, type checkers accept all of its objects.
 """

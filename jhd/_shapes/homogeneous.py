@@ -19,9 +19,9 @@ from jhd._runtime.arrays import is_traced, module_of, undifferentiated
 
 
 def homogeneous(control_points: Any, weights: Any) -> Any:
-    """The points times their weights with the weights as one more coordinate, or the points where there are none.
+    """The points times their weights, with the weights as one more coordinate; just the points if weights is None.
 
-    NumPy's arrays are worked on by NumPy.
+    NumPy arrays give NumPy arrays.
     """
     if weights is None:
         return control_points
@@ -36,9 +36,9 @@ _compiled_product = jax.jit(_product)
 
 
 def in_unit(control_points: Array, weights: Array | None) -> tuple[Any, Any, Any, Any]:
-    """Points and weights divided by powers of two, the largest of either then in [1/2, 1), and these powers.
+    """Points and weights divided by powers of two, each with its largest entry in [1/2, 1), and these powers.
 
-    Then products of both are normal numbers, but for points that are tiny beside the others. Known arrays are divided
+    Then products of both are normal numbers, except for points tiny compared with the others. Known arrays are divided
     on the host, which keeps subnormal numbers.
     """
     xp: Any = jnp if is_traced(control_points, weights) else np
@@ -49,7 +49,7 @@ def in_unit(control_points: Array, weights: Array | None) -> tuple[Any, Any, Any
 
 
 def out_of_unit(array: Array | None, power: Any) -> Any:
-    """An array times a power of two, on the host where it is known."""
+    """An array times a power of two, on the host if it is known."""
     return None if array is None else ldexp(array, power)
 
 
@@ -76,7 +76,7 @@ elevate = jax.jit(partial(bernstein.elevate, axis=-2), static_argnames="target")
 
 @jax.jit
 def evaluate(control_points: Array, weights: Array | None, segment: ArrayLike, t: ArrayLike) -> Array:
-    """Points of the named ones of the segments (segments, points, dim) at t; both arrays broadcast."""
+    """Points at t of the given segments among (segments, points, dim); segment and t broadcast."""
     segment, t = jnp.broadcast_arrays(jnp.asarray(segment), jnp.asarray(t))
     pieces = homogeneous(control_points, weights)[segment]
     value = bernstein.evaluate(jnp.moveaxis(pieces, -2, 0), t[..., None], axis=0)
@@ -85,7 +85,7 @@ def evaluate(control_points: Array, weights: Array | None, segment: ArrayLike, t
 
 @partial(jax.jit, static_argnames=("whole", "inside"))
 def cut(h: Array, t: ArrayLike, whole: int, inside: int) -> tuple[Array, Array]:
-    """The segments before and after the cut, at t of the segment `whole` or, where inside is 0, at its start."""
+    """The segments before and after the cut at t of the segment `whole`, or at its start if inside is 0."""
     if not inside:
         return h[:whole], h[whole:]
     left, right = split(h[whole], t)
@@ -111,7 +111,7 @@ def wronskian(control_points: Array, weights: Array, absolute: bool = False) -> 
 
     B_i B_j' - B_i' B_j = C(n,i) C(n,j) (j - i) s^(i+j-1) (1-s)^(2n-1-i-j), so coefficient i + j - 1 collects
     (j - i) w_i w_j (p_j - p_i) for i < j: differences of control points, no cancellation of large coordinates.
-    With `absolute` the terms are summed by their size, for bounds of rounding.
+    If `absolute`, absolute values of the terms are summed, for bounds of rounding.
     """
     n = control_points.shape[-2] - 1
     pairs = [(i, j) for i in range(n + 1) for j in range(i + 1, n + 1)]

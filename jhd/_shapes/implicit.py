@@ -234,7 +234,7 @@ class ImplicitSurface(eqx.Module):
 
 
 def check_surface(name: str, value: object) -> None:
-    """Raises TypeError unless the value is an implicit surface."""
+    """Raise TypeError unless the value is an implicit surface."""
     if not isinstance(value, ImplicitSurface):
         raise TypeError(f"{name} must be an ImplicitSurface; got {type(value).__name__}.")
 
@@ -364,7 +364,7 @@ def _substituted(
 
 
 def _raised(polynomials: Array, axis: int) -> Array:
-    """The polynomials times the variable of the axis; what exceeds the room is zero."""
+    """The polynomials times the variable of the axis; the highest power, which must have zeros, is dropped."""
     inside = jax.lax.slice_in_dim(polynomials, 0, polynomials.shape[axis] - 1, axis=axis)
     padding = [(0, 0)] * polynomials.ndim
     padding[axis] = (1, 0)

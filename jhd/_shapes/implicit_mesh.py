@@ -1,4 +1,4 @@
-"""Meshes of implicit surfaces with a proven deviation: a grid as fine as the proof asks for.
+"""Meshes of implicit surfaces with a proven deviation, on a grid as fine as the proof requires.
 
 Let f be the polynomial in coordinates of the box, which run from 0 to 1, and L the piecewise linear function with the
 values of f at the nodes of a grid: every cell is cut into six tetrahedra with its long diagonal. In a cell with sides
@@ -7,7 +7,7 @@ h_a
     |f - L| <= (1/8) sum over a, b of h_a h_b max |f_ab| = delta,
 
 as for the triangles in `jhd._shapes.patch_cells`: half of a mean of second differences, whose variances are at most
-h_a^2 / 4. Every tetrahedron has an edge along each axis, so the slope of L along an axis is a mean of that of f over
+h_a^2 / 4. Every tetrahedron has an edge along each axis, so the slope of L along an axis is a mean slope of f over
 such an edge. Let f have a slope of at least g along one direction of an axis (in the user's unit of length) over the
 cell and its neighbor in this direction, and tau = delta / g be no more than the side h of a cell. From a zero of L in
 the cell, where |f| <= delta, f reaches zero within tau, if it has to rise; and from a zero of f so does L. A cell that
@@ -45,14 +45,14 @@ from jhd._shapes.checks import empty_surface
 _CHUNK = 4096
 # For a few dozen roundings of positive numbers.
 _SLACK = 1 + 1e-13
-# Cells along the longest side that a search begins with.
+# Cells along the longest side at the start of a search.
 _FIRST = 8
-# Cells along the longest side down to which cells are bisected that are not proven: a regular surface whose features
+# Most cells along the longest side after bisecting unproven cells: a regular surface whose features
 # are a thousandth of the box is proven there.
 _FINEST = 4096
-# More of these in one step, and the surface is refused at once: a curve of singular points, for example.
+# If a step has more unproven cells, the surface is refused at once: a curve of singular points, for example.
 _MOST_UNPROVEN = 50_000
-# More cells than the square root of what is lacking, so that one more step is enough; and the most in one step.
+# Growth of cells beyond the square root of the missing factor, so that one step suffices; most growth in one step.
 _GROWTH = (1.02, 4.0)
 
 
@@ -61,7 +61,7 @@ class BoxedPolynomial(NamedTuple):
 
     Args:
         coefficients: in Bernstein form over the box, at most one.
-        error: what each is off by, here and after restriction.
+        error: bound of the error of each coefficient, here and after restriction.
         sides: sides of the box, in any unit.
     """
 
@@ -97,17 +97,17 @@ class BoxedPolynomial(NamedTuple):
         values = self.coefficients[..., None]
         for row in rows:
             values = np.sum([x * weight for x, weight in zip(values, row.T, strict=True)], axis=0)
-        # What is no more than rounding is zero, so that surfaces through nodes have their vertices there.
+        # Values within rounding count as zero, so that surfaces through nodes have their vertices there.
         return np.where(np.abs(values) <= self.error, 0.0, values)
 
 
 def chunks(count: int) -> list[slice]:
-    """Some rows at a time."""
+    """Slices that divide rows into chunks."""
     return [slice(k, k + _CHUNK) for k in range(0, count, _CHUNK)]
 
 
 def near_zero(polynomial: BoxedPolynomial, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Which boxes may hold a zero of the polynomial, or a node whose computed value has another sign than another."""
+    """Mask of the boxes that may hold a zero of the polynomial, or nodes whose computed values differ in sign."""
     found = [polynomial.over(low[rows], high[rows]).reshape(len(low[rows]), -1) for rows in chunks(len(low))]
     ends = [(x.min(axis=1), x.max(axis=1)) for x in found]
     least, most = (np.concatenate(x) for x in zip(*ends, strict=True)) if ends else (np.zeros(0),) * 2
@@ -120,6 +120,7 @@ def deviations(polynomial: BoxedPolynomial, cells: np.ndarray, counts: np.ndarra
 
 
 def _deviations(polynomial: BoxedPolynomial, cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """`deviations` of one chunk of cells: the larger of the steps that a rise and a fall by delta take at most."""
     error = polynomial.error
     low, high = cells / counts, (cells + 1) / counts
     delta = _bend(polynomial, low, high) + 2 * error
@@ -135,7 +136,7 @@ def _deviations(polynomial: BoxedPolynomial, cells: np.ndarray, counts: np.ndarr
         slopes = degree * np.diff(polynomial.over(first, last), axis=axis + 1).reshape(len(cells), -1)
         width = (last - first)[:, axis] * side
         step = (high - low)[:, axis] * side
-        # The slopes of the polynomial, and those of the linear function from rounded values.
+        # Error of the slopes of the polynomial, and of the slopes of the linear function from rounded values.
         room = 2 * degree * error / width + 4 * error / step
         least, most = slopes.min(axis=1) / width - room, slopes.max(axis=1) / width + room
         can_go_up, can_go_down = cells[:, axis] + 1 < counts[axis], cells[:, axis] > 0
@@ -146,7 +147,7 @@ def _deviations(polynomial: BoxedPolynomial, cells: np.ndarray, counts: np.ndarr
 
 
 def _reach(delta: np.ndarray, slope: np.ndarray, step: np.ndarray, may: np.ndarray) -> np.ndarray:
-    """How far a change by delta takes at most; infinite if a direction may not be taken or is left too early."""
+    """Largest step along an axis for a change by delta; infinite if not allowed, not rising or beyond `step`."""
     good = may & (slope > 0)
     reach = delta / np.where(good, slope, 1.0)
     return np.where(good & (reach <= step * (1 - 1e-9)), reach, np.inf)
@@ -166,13 +167,13 @@ def _bend(polynomial: BoxedPolynomial, low: np.ndarray, high: np.ndarray) -> np.
 
 
 class MarchedSurface(NamedTuple):
-    """The zeros of a piecewise linear function, without those in cells where it has one sign.
+    """The zeros of a piecewise linear function, without cells in which it has one sign.
 
     Args:
-        low: the node at one end of the edge on which each vertex lies, as an integer place of the grid.
-        high: the node at the other end; the same one where the function is zero there.
-        share: how far the vertex is along the edge.
-        triangles: numbers of three vertices, counter-clockwise seen from where the function is positive.
+        low: the node at one end of the edge on which each vertex lies, as integer coordinates in the grid.
+        high: the node at the other end; equal to `low` if the function is zero there.
+        share: fraction of the edge from `low` to the vertex.
+        triangles: numbers of three vertices, counter-clockwise seen from the side of positive values.
     """
 
     low: np.ndarray
@@ -194,7 +195,7 @@ def march(nodes: np.ndarray, corners: np.ndarray, values: np.ndarray) -> Marched
     """The zeros in the cells with these corners; zero counts as positive, and triangles without area are left out.
 
     Args:
-        nodes: places of the nodes (nodes, 3).
+        nodes: integer coordinates of the nodes (nodes, 3).
         corners: numbers of the corners of each cell (cells, 8).
         values: the function at the nodes.
     """
@@ -203,7 +204,7 @@ def march(nodes: np.ndarray, corners: np.ndarray, values: np.ndarray) -> Marched
     mixed = (case > 0) & (case < 15)
     edges = _cases()[case[mixed]]
     ends = np.take_along_axis(tetrahedra[mixed], edges.reshape(len(edges), 12), axis=1).reshape(-1, 3, 2)
-    # A vertex at a node where the function is zero is that node, whatever edge it came from.
+    # A vertex at a node with value zero is that node, whatever edge it came from.
     zero = values[ends] == 0
     at_zero = np.where(zero[..., :1], ends[..., :1], ends[..., 1:])
     ends = np.where(np.any(zero, axis=-1, keepdims=True), at_zero, ends)
@@ -267,7 +268,7 @@ class NotRegularError(ValueError):
 
 
 class HostTriangles(NamedTuple):
-    """Vertices and triangles, and how far they are from the surface, and it from them, at most."""
+    """Vertices and triangles, and a bound of their distance from the surface in both directions."""
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -281,13 +282,13 @@ class _Box(NamedTuple):
     upper: np.ndarray
     power: int
     sides: np.ndarray
-    off: float  # what the stored vertices are off by, local
+    off: float  # bound of the error of stored vertices, local
 
     @classmethod
     def of(cls, lower: np.ndarray, upper: np.ndarray) -> "_Box":
         power, low, high = int(common_exponent(lower, upper)), lower.astype(np.float64), upper.astype(np.float64)
         sides = np.ldexp(high, -power) - np.ldexp(low, -power)
-        # Sixteen roundings of numbers of order one, and what is subnormal in the user's unit.
+        # Sixteen roundings of numbers of order one, and the spacing of subnormal numbers in the user's unit.
         least = np.ldexp(float(np.finfo(lower.dtype).smallest_subnormal), -power)
         off = np.sqrt(3.0) * (16 * unit_roundoff(np.float64) + 2 * unit_roundoff(lower.dtype) + 2 * least)
         return cls(lower, upper, power, sides, float(off))
@@ -360,7 +361,7 @@ def _cells(polynomial: BoxedPolynomial, counts: np.ndarray) -> np.ndarray:
 
 
 def _check_regular(polynomial: BoxedPolynomial, box: _Box, cells: np.ndarray, counts: np.ndarray) -> None:
-    """Raises NotRegularError unless a finer grid proves what this one does not."""
+    """Raise NotRegularError unless a finer grid proves the cells that this grid leaves unproven."""
     while len(cells):
         if counts.max() >= _FINEST or len(cells) > _MOST_UNPROVEN:
             raise NotRegularError(box.places((cells[0] + 0.5) / counts))

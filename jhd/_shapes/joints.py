@@ -15,21 +15,21 @@ from jhd._runtime.arrays import array_of, is_traced, module_of, undifferentiated
 # insertion leave differences of one to four.
 _JOINT_ULPS = 8
 
-# Pairs of ends compared at once, so that many that nearly meet need tens of megabytes and not the square of them.
+# Pairs of ends compared at once, so that many ends that nearly meet need only tens of megabytes.
 _JOINT_CHUNK = 2**20
-# So many pairs are compared without sorting.
+# Most pairs that are compared without sorting.
 _FEW_PAIRS = 2**12
 # The two ends of a window of sorted numbers.
 _WINDOW: tuple[tuple[int, Literal["left", "right"]], ...] = ((-1, "left"), (1, "right"))
 
 
 def joints(control_points: Any) -> Any:
-    """For each segment the one that starts where it ends: the next if it does, else the first, else itself, else -1.
+    """Index of the segment that starts at the end of each segment, or -1.
 
-    A segment that is one point follows none but the one before it in the list: it is no way on from an end. Of known
-    points an array of NumPy.
+    Of several, the first after it in the list counts, cyclically; itself comes last. A segment that is one point can
+    only follow the segment before it in the list. The result is a NumPy array for known points.
     """
-    # Whole numbers have no derivatives: where only these are traced, the points are known.
+    # Integers have no derivatives: if the points are traced only for derivatives, they are known.
     control_points = undifferentiated(control_points)
     count, points = control_points.shape[-3], control_points.shape[-2]
     if points == 1:
@@ -63,7 +63,7 @@ def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.nd
     """`joints` for the segments `rows`, whose ends are `ends`, by looking among starts sorted along one coordinate."""
     count, best = len(starts), np.full(len(rows), len(starts))
     orders = np.argsort(starts, axis=0, kind="stable")
-    # Twice as wide as what counts, whatever the ends of the windows are rounded to.
+    # Twice as wide as the tolerance, so that rounding of the ends of windows does not matter.
     windows = [
         [np.searchsorted(starts[order, k], ends[:, k] + sign * 2 * tolerance, side) for sign, side in _WINDOW]
         for k, order in enumerate(orders.T)
@@ -82,7 +82,7 @@ def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.nd
 
 
 def checked(next_segment: Any, count: int) -> Int[Array, " segments"]:
-    """`next_segment` as it is given for so many segments; ValueError for anything that it cannot be."""
+    """`next_segment` as given, an integer array for `count` segments; ValueError if it is invalid."""
     given = next_segment if isinstance(next_segment, Array) else np.asarray(next_segment)
     if given.dtype == object:
         raise ValueError("next_segment has entries that are not integers or are too large.")
@@ -101,32 +101,32 @@ def checked(next_segment: Any, count: int) -> Int[Array, " segments"]:
 
 
 def linked(next_segment: Any) -> Float[Array, "*batch segments 2"]:
-    """`next_segment` as floats: each number and one, beside a one.
+    """`next_segment` as pairs of floats: each number plus one, and a one.
 
-    jax.grad takes no whole numbers among what it differentiates. The derivative of these floats is zero, so optimizers
-    leave them where they are; and what scales all that it finds, as weight decay does, changes no quotient.
+    jax.grad does not accept integers. The derivative of these floats is zero, so optimizers leave them unchanged.
+    Scaling all parameters, as weight decay does, changes no quotient.
     """
     return array_of(linked_here(next_segment))
 
 
 def linked_here(next_segment: Any) -> Any:
-    """The same; of known numbers as an array of NumPy."""
+    """`linked`, as a NumPy array for known numbers."""
     xp = jnp if is_traced(next_segment) else np
-    # Not stacked: of explicitly sharded numbers JAX stacks none with constants.
+    # Not stacked: JAX does not stack explicitly sharded numbers with constants.
     number = (xp.asarray(next_segment) + 1)[..., None]
     return xp.where(np.array([True, False]), number, 1).astype(jnp.result_type(float))
 
 
 def followed(links: Any) -> Any:
-    """`next_segment` from what `linked` made of it; whole numbers are it already. Of zeros, -1."""
+    """`next_segment` from the result of `linked`; integers are returned unchanged. Zeros give -1."""
     return array_of(followed_here(links))
 
 
 def followed_here(links: Any) -> Any:
-    """The same, of known numbers as an array of NumPy."""
+    """`followed`, as a NumPy array for known numbers."""
     if jnp.issubdtype(links.dtype, jnp.integer):
         return links
-    # Where only a derivative is being taken the numbers are known.
+    # The numbers are known if they are traced only for derivatives.
     links = undifferentiated(links)
     xp = jnp if is_traced(links) else np
     pairs: Any = xp.asarray(links)
@@ -136,7 +136,7 @@ def followed_here(links: Any) -> Any:
 
 
 def completed(next_segment: Any, control_points: Any) -> Any:
-    """`next_segment` as it is known, and where it is -1 the segment that `joints` finds."""
+    """`next_segment` with each -1 replaced by the segment that `joints` finds."""
     if is_traced(next_segment):
         return jnp.where(next_segment < 0, joints(control_points), next_segment)
     if np.all(np.asarray(next_segment) >= 0):
@@ -147,7 +147,7 @@ def completed(next_segment: Any, control_points: Any) -> Any:
 
 
 def turned(next_segment: Any) -> Any:
-    """`next_segment` of the segments in the opposite order and direction; where two lead to one, one of them counts."""
+    """`next_segment` of the segments in reverse order and direction; if two lead to one segment, one of them counts."""
     count = next_segment.shape[0]
     index = np.arange(count)
     # The free ends, -1, all write to the slot behind the last.

@@ -1,7 +1,7 @@
 """Knot spans and blossoms: the kernels of B-spline curves.
 
 On a non-empty span every step is a combination (1 - a) x + a y with a = (u - left) / (right - left) and left < right,
-convex for u in the span. An empty span has no polynomial of its own; it borrows the one of the last non-empty span
+convex for u in the span. An empty span has no polynomial of its own; it uses the polynomial of the last non-empty span
 before it, which makes it a point of the curve.
 
 Source: Ramshaw, Blossoms are polar forms, CAGD 6 (1989); Boehm, Inserting new knots into B-spline curves, CAD 12
@@ -30,12 +30,12 @@ def blossom(
 ) -> Any:
     """The blossom of the polynomial on one knot span; with all arguments equal to u, its value at u (de Boor).
 
-    Leading axes broadcast. NumPy's arrays are worked on by NumPy.
+    Leading axes broadcast. NumPy arrays give NumPy arrays.
 
     Args:
         points: the p + 1 control points d_{i-p}, ..., d_i of the span [t_i, t_{i+1}].
         knots: the 2 p knots t_{i-p+1}, ..., t_{i+p}, with t_i < t_{i+1}.
-        arguments: p parameters; every step is convex for those in the span.
+        arguments: p parameters; every step is convex if they are in the span.
     """
     p = arguments.shape[-1]
     for r in range(p):
@@ -66,7 +66,7 @@ def bezier_points(points: Any, knots: Any, lower: Any, upper: Any) -> Any:
 
 
 def unrolled(knots: Any, p: int, periodic: bool) -> Any:
-    """Knots of the open spline over the same domain, as NumPy or JAX arrays, whichever came."""
+    """Knots of the open spline over the same domain; NumPy knots give a NumPy array."""
     if not periodic:
         return knots
     xp = module_of(knots)
@@ -75,14 +75,14 @@ def unrolled(knots: Any, p: int, periodic: bool) -> Any:
 
 
 def not_repeated(knots: Any, p: int) -> tuple[Any, Any]:
-    """Which of the last knots of a periodic spline are not the first ones one period later, and what these are."""
+    """Mask of the last knots of a periodic spline that are not the first ones plus a period, and these sums."""
     xp, n = module_of(knots), knots.shape[0] - p - 1
     wanted = knots[: p + 1] + (knots[n] - knots[0])
     return xp.abs(knots[n:] - wanted) > tolerance(knots), wanted
 
 
 def tolerance(values: Any) -> Any:
-    """How far numbers may be apart that are to repeat."""
+    """Largest difference of numbers that count as equal when points or knots repeat."""
     xp = module_of(values)
     return _KNOT_ULPS * float(np.finfo(values.dtype).eps) * xp.max(xp.abs(values))
 
@@ -90,8 +90,8 @@ def tolerance(values: Any) -> Any:
 def spans(knots: Any, p: int, periodic: bool) -> tuple[Any, Any, Any]:
     """For each piece of the domain the non-empty span that carries it, and the parameters of its ends.
 
-    An empty span is carried by the last non-empty one before it, at whose upper end it sits. Where there is none before
-    it, a periodic curve goes on from its last span, and an open one starts from its first.
+    An empty span is carried by the last non-empty one before it, at whose upper end it sits. If there is none before
+    it, a periodic curve takes its last non-empty span, and an open curve its first.
     """
     xp = module_of(knots)
     pieces = knots.shape[0] - 1 - 2 * p
@@ -114,11 +114,11 @@ def evaluate(h: Array, knots: Array, p: int, periodic: bool, t: Float[Array, " s
 
 
 def bezier_pieces(h: Any, knots: Any, p: int, periodic: bool) -> tuple[Any, Any]:
-    """Bezier points of all pieces of an unrolled spline, and before which pieces it may jump.
+    """Bezier points of all pieces of an unrolled spline, and a mask of the pieces before which it may jump.
 
-    It may where the multiplicity of the knot exceeds p, and before the first piece of an open curve there is nothing.
-    Elsewhere a piece starts with the end of the one before it, so that rounding leaves no gap. NumPy's arrays are
-    worked on by NumPy. If knots decrease or do not repeat, as after a step of an optimizer, or the domain has no
+    A jump is possible if the multiplicity of the knot exceeds p; the first piece of an open curve is marked, too.
+    Any other piece starts with the end of the piece before it, so that rounding leaves no gap. NumPy arrays give
+    NumPy arrays. If knots decrease or do not repeat, as after a step of an optimizer, or the domain has no
     length, there is no spline: points are NaN.
     """
     xp = module_of(h)

@@ -232,11 +232,11 @@ class TriangleMesh(eqx.Module):
 
 
 class Edges(NamedTuple):
-    """Incidence of triangles, edges and vertices of a mesh; vertices at the same point count as one.
+    """Incidence of triangles, edges and vertices of a mesh; vertices with equal coordinates count as one.
 
     Args:
-        places: for each corner of each triangle the number of its point.
-        edge: the edge from corner k to corner k + 1 of each triangle; -1 if both corners are at the same point.
+        places: number of the point at each corner of each triangle.
+        edge: the edge from corner k to corner k + 1 of each triangle; -1 if both corners are one point.
         count: the number of triangles at each edge.
         balance: the number of triangles that run along the edge one way, minus the number that run the other way.
         proper: which triangles have three different corners; the others have no edges.
@@ -261,7 +261,7 @@ def edges_of(mesh: TriangleMesh) -> Edges:
     next_segment = np.roll(places, -1, axis=1)
     proper = np.all(places != next_segment, axis=1)
     low, high = np.minimum(places, next_segment)[proper], np.maximum(places, next_segment)[proper]
-    # Two numbers of places in one integer sort faster than pairs.
+    # Two point numbers in one integer sort faster than pairs.
     names = low.astype(np.int64) * (int(places.max()) + 1) + high
     _, index, count = np.unique(names.ravel(), return_inverse=True, return_counts=True)
     direction = np.where(places == np.minimum(places, next_segment), 1, -1)[proper]
@@ -272,7 +272,7 @@ def edges_of(mesh: TriangleMesh) -> Edges:
 
 
 def places_of(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
-    """A number for each point, the same for equal coordinates; numbers are sorted by x, then y, then z."""
+    """A number for each point, equal for equal coordinates; numbers are sorted by x, then y, then z."""
     order = np.lexsort((points[:, 2], points[:, 1], points[:, 0]))
     new = np.any(points[order[1:]] != points[order[:-1]], axis=1)
     numbers = np.empty(len(points), np.int64)
@@ -287,7 +287,7 @@ def kind_of(value: object) -> str:
 
 
 def check_mesh(name: str, value: object) -> None:
-    """Raises TypeError unless the value is a triangle mesh."""
+    """Raise TypeError unless the value is a triangle mesh."""
     if not isinstance(value, TriangleMesh):
         raise TypeError(f"{name} must be a TriangleMesh (see TriangleMesh.from_object); got {kind_of(value)}.")
 

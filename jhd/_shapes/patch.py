@@ -435,7 +435,7 @@ class BezierPatches(AbstractPatch):
 
 
 def checked_net(control_points: Numbers, weights: Numbers | None, axes: tuple[str, ...]) -> tuple[Array, Array | None]:
-    """Control points in space and their weights; ValueError and TypeError as for the patches."""
+    """Control points in space and their weights; raises the ValueError and TypeError of the patch classes."""
     points = real_array("control_points", control_points)
     given = None if weights is None else real_array("weights", weights)
     check_control_points(points, given, axes)

@@ -9,7 +9,7 @@ coordinate within an interval is at most a quarter of the square of its length, 
 the largest sizes over the rectangle, with parameters in units of it (Filip, Magedson & Markot for right triangles). It
 does not matter which triangle it is: whatever points lie on the sides of the rectangle, it holds. As triangles that
 cover the rectangle are the image of the same parameters, the distance is bounded both ways: from any point of the
-surface to the mesh and from any point of the mesh to the surface. What stored vertices are off from S adds to it.
+surface to the mesh and from any point of the mesh to the surface. The distance of stored vertices from S adds to it.
 
 Rational patches S = N / w are compared with the bilinear surface B between their four corners. For D = N - w B the
 difference e = D / w is of second order with its derivatives, and e_u = (D_u - w_u e) / w, e_uu = (D_uu - 2 w_u e_u -
@@ -17,14 +17,14 @@ w_uu e) / w, e_uv = (D_uv - w_u e_v - w_v e_u - w_uv e) / w; S_uu = e_uu, S_vv =
 twist t of B. So little is lost on them. All sizes come from Bernstein coefficients.
 
 All this is done with coordinates about a common center, divided by powers of two to order one: the largest is r >= 1/2,
-or all are zero and so is all that follows. Rounding: local points and their products with weights take 2 roundings, and
-those of a restriction of degree p 3 p + 1 more, as ends and their differences from one are exact: 2 p in the matrix, 1
-for a product, p for the sum. The coefficients of D take 9: 3 in the shares, which are non-negative and add up to one, 6
-for products, difference and sum. B is that of its corners as they are rounded. So the terms of these coefficients,
+or all numbers are zero. Rounding: local points and their products with weights take 2 roundings, and
+a restriction of degree p takes 3 p + 1 more, as ends and their differences from one are exact: 2 p in the matrix, 1
+for a product, p for the sum. The coefficients of D take 9: 3 in the factors, non-negative and of sum one, and 6
+for products, difference and sum. B is taken between its corners as rounded. So the terms of these coefficients,
 which add up to at most 2 r times a weight, pass through 3 (p + q) + 13 roundings: they are off by at most `noise` =
 2 sqrt(3) gamma(3 (p + q) + 13) r times the largest weight of the rectangle, weights relatively by less, and a k-th
 difference by 2^k times that. The rest are fewer than 64 roundings of positive numbers, where the least weight comes in
-four times at most: less than a factor 1 + 10 noise. Points of the surface are off by 4 noise at most, where a power of
+four times at most: less than a factor 1 + 10 noise. Points of the surface are off by 4 noise at most, if a power of
 a parameter is good to four units in the last place.
 
 A flat rectangle with uneven parameters is near its triangles, but not at equal parameters. Let q be a convex
@@ -33,7 +33,7 @@ Project both onto the plane. Let both stay within e of q, and along each side of
 between its two corners. If a point of q is farther than b from all edges, it lies on both projections: the border can
 be moved to the edges without meeting the point, so it winds about the point once, as the edges do. Each other point of
 q is within b of an edge, and each point of an edge within b of the border. So each point of S is within e of a point of
-q, which is within 2 b of L, and the same from L to S. They are at most
+q, which is within 2 b of L, and vice versa. They are at most
 
     sqrt((e + 2 b)^2 + (2 h)^2)
 
@@ -46,7 +46,7 @@ convex leaves more room.
 Source: Filip, Magedson & Markot, Surface algorithms using bounds on derivatives, CAGD 3 (1986); Farin, Curves and
 Surfaces for CAGD (2002), chapter 14, for the nets. The bound for rational patches and for any triangle is ours.
 
-Borders of two patches are one if they have the same control points and weights, in whichever direction they run.
+Borders of two patches are one if they have equal control points and weights, in whichever direction they run.
 """
 
 from typing import Any, NamedTuple
@@ -59,8 +59,8 @@ from jhd._arithmetic.scaling import common_exponent, unit_weights
 from jhd._runtime.arrays import taken
 from jhd._shapes.mesh import places_of
 
-# A quadrilateral is taken for convex if the sine of each corner is above this, and each edge longer than so many times
-# the rounding of its corners, which then turns an edge by less than a tenth of that sine.
+# A quadrilateral counts as convex if the sine of each corner exceeds _CONVEX, and each edge is longer than _LONG times
+# the rounding of its corners, which then turns an edge by less than a tenth of _CONVEX.
 _CONVEX, _LONG = 1e-3, 3e4
 
 
@@ -68,7 +68,7 @@ class PatchBorders(NamedTuple):
     """Borders of patches; side k of a patch is u = 0, u = 1, v = 0, v = 1.
 
     Args:
-        number: the number of each side (patches, 4), one for all sides that are the same curve.
+        number: the number of each side (patches, 4), one for all sides that are one curve.
         turned: whether the side runs against the direction in which its curve is taken.
         patch: the patch that stands for each curve.
         side: its side there.
@@ -100,9 +100,9 @@ class PatchBorders(NamedTuple):
         return cls(number.reshape(-1, 4), turned, index // 4, index % 4, np.stack(collapsed, axis=1).ravel()[index])
 
     def needed(self, points: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
-        """Which patches are more than a curve or a point of the border of another one.
+        """Mask of the patches that are more than a curve or a point of the border of another patch.
 
-        Spans of no length give such patches at knots that are repeated.
+        Repeated knots give spans of no length, whose patches are such curves or points.
         """
         heavy = np.ones(points.shape[:-1]) if weights is None else weights
         net = np.concatenate([points, heavy[..., None]], axis=-1)
@@ -117,13 +117,13 @@ class PatchBorders(NamedTuple):
         return proper | ~inside
 
     def along(self, patch: np.ndarray, side: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Parameters of a side as those of its curve, and the other way round; parameters are dyadic, so exact."""
+        """Convert parameters of a side to parameters of its curve, or back; they are dyadic, so this is exact."""
         return np.where(self.turned[patch, side], 1 - t, t)
 
     def standing(self, patch: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Patch, u and v on the patch that stands for the curve, for points on a border; others stay.
+        """Patch, u and v of border points on the patch that stands for their curve; other points stay.
 
-        On a curve that is one point this is the end of it.
+        A curve that is one point is taken at parameter 0.
         """
         side = np.select([u == 0, u == 1, v == 0, v == 1], [0, 1, 2, 3], default=-1)
         inside, at = side < 0, np.maximum(side, 0)
@@ -143,15 +143,15 @@ def _padded(rows: np.ndarray, length: int) -> np.ndarray:
 
 
 class PatchCells(NamedTuple):
-    """Rectangles [u0, u1] x [v0, v1] of patches, and what is known of them.
+    """Rectangles [u0, u1] x [v0, v1] of patches, with bounds of their deviation.
 
     Args:
         patch: number of the patch.
-        u0: all four ends are dyadic numbers, exactly.
-        u1: see u0.
-        v0: see u0.
-        v1: see u0.
-        bound: how far surface and triangles are from each other at most, local; infinite where not measured.
+        u0: start in u; all four ends are exact dyadic numbers.
+        u1: end in u.
+        v0: start in v.
+        v1: end in v.
+        bound: bound of the distance of surface and triangles, local; infinite if not measured.
         along_u: whether u is the parameter to bisect.
     """
 
@@ -167,11 +167,11 @@ class PatchCells(NamedTuple):
 
     @classmethod
     def of(cls, patch: np.ndarray, u0: np.ndarray, u1: np.ndarray, v0: np.ndarray, v1: np.ndarray) -> "PatchCells":
-        """Rectangles of which nothing is known."""
+        """Rectangles without known bounds."""
         return cls(patch, u0, u1, v0, v1, np.full(len(patch), np.inf), np.zeros(len(patch), bool))
 
     def halves(self) -> "PatchCells":
-        """Both halves of each, along the parameter to bisect."""
+        """Both halves of each rectangle along the parameter to bisect."""
         _, u, v = self.middle()
         first = (self.patch, self.u0, np.where(self.along_u, u, self.u1), self.v0, np.where(self.along_u, self.v1, v))
         other = (self.patch, np.where(self.along_u, u, self.u0), self.u1, np.where(self.along_u, self.v0, v), self.v1)
@@ -194,7 +194,7 @@ class HostPatches(NamedTuple):
     power: int
     center: np.ndarray
     second: int
-    noise: float  # what rounding adds to a bound, local
+    noise: float  # error of a bound by rounding, local
     borders: PatchBorders
 
     @classmethod
@@ -205,7 +205,7 @@ class HostPatches(NamedTuple):
         low, high = near.min(axis=(0, 1, 2)), near.max(axis=(0, 1, 2))
         center = low + 0.5 * (high - low)
         about = near - center
-        # Far from the origin the surface may be small beside its coordinates.
+        # Far from the origin the surface may be small compared with its coordinates.
         second = int(common_exponent(about))
         about = np.ldexp(about, -second)
         heavy = np.ones(points.shape[:-1]) if weights is None else unit_weights(weights.astype(np.float64), (1, 2))
@@ -220,7 +220,7 @@ class HostPatches(NamedTuple):
         return self.net.shape[1] - 1, self.net.shape[2] - 1
 
     def whole(self) -> PatchCells:
-        """Every patch that is more than a part of the border of others, as one rectangle."""
+        """Every patch, unless it is only a part of the border of others, as one rectangle."""
         patch = np.flatnonzero(self.borders.needed(self.points, self.net[..., 3]))
         zero, one = np.zeros(len(patch)), np.ones(len(patch))
         return PatchCells.of(patch, zero, one, zero, one)
@@ -239,10 +239,10 @@ class HostPatches(NamedTuple):
         return np.ldexp(np.ldexp(vertices.astype(np.float64), -self.power) - self.center, -self.second)
 
     def vertices(self, patch: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, float]:
-        """Points of the surface as they are stored (points, 3), and how far off at most they are, local.
+        """Points of the surface as stored (points, 3), and a bound of their error, local.
 
-        Patches with the same border have the same ones there. Corners are the control points themselves; no other point
-        is outside the box of all of them.
+        Patches with a common border have identical points there. Corners are the control points themselves; all other
+        points are inside the box of all control points.
         """
         patch, u, v = self.borders.standing(patch, u, v)
         corner = ((u == 0) | (u == 1)) & ((v == 0) | (v == 1))
@@ -369,7 +369,7 @@ def _derivatives(rows: np.ndarray, error: np.ndarray, mixed: np.ndarray | float 
 
 
 def _against_corners(net: np.ndarray, corners: list[np.ndarray]) -> np.ndarray:
-    """Coefficients of D and of w in one degree more, from those of N and w."""
+    """Coefficients of D and of w in one degree more, from the coefficients of N and w."""
     cells, (p, q), weight = len(net), (net.shape[1] - 1, net.shape[2] - 1), net[..., 3:]
     along_u, along_v = product_weights(p, 1), product_weights(q, 1)
     total = np.zeros((cells, p + 2, q + 2, 4))
@@ -381,7 +381,7 @@ def _against_corners(net: np.ndarray, corners: list[np.ndarray]) -> np.ndarray:
 
 
 def _restricted(patches: HostPatches, cells: PatchCells) -> np.ndarray:
-    """Local control points times weights, and these, on each rectangle."""
+    """Local control points times weights, and the weights, on each rectangle."""
     (p, q), net = patches.degrees, patches.net[cells.patch]
     along_u = np.matmul(blossoms(cells.u0, cells.u1, p), net.reshape(len(net), p + 1, -1)).reshape(net.shape)
     return np.matmul(blossoms(cells.v0, cells.v1, q)[:, None], along_u)

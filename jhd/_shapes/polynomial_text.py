@@ -1,6 +1,6 @@
 """Polynomials in x, y and z written as text, or as a sympy.Poly, read exactly.
 
-The grammar, with ^ and ** the same, powers binding tighter than a sign before them and to the right:
+The grammar; ^ and ** are synonyms, powers bind tighter than a sign before them and to the right:
 
     sum     = product (("+" | "-") product)*
     product = signed (("*" | "/") signed)*
@@ -21,12 +21,12 @@ Terms = dict[tuple[int, int, int], Fraction]
 
 _TOKENS = re.compile(r"\s*(?:((?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|[-+*/^()]))", re.ASCII)
 _VARIABLES = ("x", "y", "z")
-# A dense array of this degree has 36 000 coefficients; larger exponents than that of ten are no doubles; numbers of
+# A dense array of this degree has 36 000 coefficients; larger exponents of ten exceed all doubles; numbers of
 # more bits come from powers of powers, which would fill the memory.
 _LARGEST_DEGREE, _LARGEST_EXPONENT, _LARGEST_BITS, _DEEPEST = 32, 400, 50_000, 40
-# What messages show of a number.
+# Numbers with more bits are not printed in messages.
 _SHOWN_BITS = 100
-# Products of coefficients in all, some seconds of work: so many, and so many more for each character.
+# Most products of coefficients, some seconds of work: a constant, and a number for each character.
 _MOST_PRODUCTS, _PRODUCTS_EACH = 1_000_000, 10
 
 
@@ -34,7 +34,7 @@ class PolynomialError(ValueError):
     """Text that is not a polynomial in x, y and z; the message starts with the column, from 1.
 
     Args:
-        message: what was found and what is needed.
+        message: names the wrong text, and the text needed instead.
         column: column in the text, from 1.
     """
 
@@ -52,7 +52,7 @@ def read(text: str) -> Terms:
 
     Raises:
         PolynomialError: other names, calls, a divisor that is no constant or zero, an exponent that is no whole number
-            from 0 to 32, a degree above 32, or anything that is not of the grammar.
+            from 0 to 32, a degree above 32, or anything outside the grammar.
     """
     reader = _Reader(text)
     terms = reader.sum()
@@ -106,7 +106,7 @@ def _number(number: Any) -> Fraction:
 
 
 class _Reader:
-    """Recursive descent; `token` is what comes next, "" at the end, and `start` where it begins."""
+    """Recursive descent parser; `token` is the next token, "" at the end, and `start` its position."""
 
     def __init__(self, text: str):
         self.text, self.position, self.depth = text, 0, 0
@@ -134,14 +134,14 @@ class _Reader:
         return PolynomialError(f"found {found}; needs {needed}.", self.start + 1)
 
     def take(self, *tokens: str) -> str:
-        """The next token, if it is one of these; else nothing."""
+        """Consume and return the next token if it is one of these; else return an empty text."""
         token = self.token if self.token in tokens and not self.number else ""
         if token:
             self.advance()
         return token
 
     def spend(self, products: int, place: int) -> None:
-        """Counts products of coefficients, before they are worked out."""
+        """Count products of coefficients before they are computed, up to the limit."""
         self.left -= products
         if self.left < 0:
             raise PolynomialError("the products of sums have too many terms for a text of this length.", place + 1)
@@ -245,5 +245,5 @@ def _terms(index: tuple[int, int, int], x: Fraction) -> Terms:
 
 
 def _constant(terms: Terms) -> Fraction | None:
-    """The number that the polynomial is, None if it is none."""
+    """The value of a constant polynomial; None if the polynomial is not constant."""
     return terms.get((0, 0, 0), Fraction(0)) if set(terms) <= {(0, 0, 0)} else None

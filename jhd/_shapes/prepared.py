@@ -22,9 +22,9 @@ from jhd._shapes.patch import AbstractPatch
 
 _R = TypeVar("_R")
 
-# Shapes that are held here: the two of a pair, and as many before them, each as it is, in its unit, in common
-# coordinates and as a surface whose zeros are covered; and the bytes of their numbers, of which what is made of them
-# takes about ten times as many. A mesh of a million triangles has 24 MB.
+# Most shapes held here: the two of a pair and two before them, each as it is, in its unit, in common coordinates and
+# as a surface whose zeros are covered. Most bytes of their numbers; the data made of them take about ten times as
+# many. A mesh of a million triangles has 24 MB.
 _HELD, _MOST_BYTES = 16, 1 << 28
 
 
@@ -36,7 +36,7 @@ class Prepared:
     """
 
     def __init__(self, shape: object):
-        # Copies, as arrays of JAX can share the memory of an array of NumPy that its owner changes later.
+        # Copies: a JAX array can share the memory of a NumPy array, which its owner may change later.
         self.shape = jax.tree_util.tree_map(_copied, shape)
         self.size = sum(np.asarray(leaf).nbytes for leaf in jax.tree_util.tree_leaves(shape))
         self._parts: dict[Callable[[Any], Any], Any] = {}
@@ -92,7 +92,7 @@ def prepare(shape: ShapeLike) -> Prepared:
     check_shape("shape", shape)
     if is_traced(shape):
         raise TypeError("shape is traced; prepare needs known numbers: call it outside of jit, vmap and grad.")
-    # In compiled functions too, where operations on known numbers would be traced.
+    # Inside compiled functions, operations on known numbers would be traced otherwise.
     with eval_context():
         return prepared(working(shape))
 
@@ -120,7 +120,7 @@ def prepared(shape: Any) -> Prepared:
         if found in _last:
             _last.remove(found)
         _last.append(found)
-        # Those of a pair stay, each as it is and in its unit.
+        # Four entries stay: both shapes of a pair, each as it is and in its unit.
         while len(_last) > _HELD or (len(_last) > 4 and sum(each.size for each in _last) > _MOST_BYTES):
             _last.popleft()
     return found

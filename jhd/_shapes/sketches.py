@@ -11,14 +11,14 @@ from jhd._arithmetic import bernstein
 
 # Pixels of the longer side, and of the margin about the lines.
 _SIDE, _MARGIN = 280.0, 8.0
-# Lines of a sketch, and places along each curved one.
+# Most lines of a sketch, and points along each curved one.
 MOST_LINES, PLACES = 4_000, 25
 _RIGHT = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
 _UP = np.array([-1.0, -1.0, 2.0]) / np.sqrt(6.0)
 
 
 def along(control_points: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
-    """Places along Bezier segments (segments, points, dim): (segments, places, dim)."""
+    """Points (segments, places, dim) along Bezier segments (segments, points, dim)."""
     degree = control_points.shape[-2] - 1
     table = bernstein.basis(degree, np.linspace(0.0, 1.0, 2 if degree < 2 else PLACES))
     if weights is None:
@@ -27,7 +27,7 @@ def along(control_points: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
 
 
 def across(control_points: np.ndarray, weights: np.ndarray | None, lines: int = 5) -> np.ndarray:
-    """Lines of constant parameters of Bezier patches (patches, rows, columns, 3): (lines, places, 3)."""
+    """Lines of constant parameters (lines, places, 3) of Bezier patches (patches, rows, columns, 3)."""
     found = []
     for turned in (False, True):
         net = control_points.swapaxes(1, 2) if turned else control_points
@@ -45,9 +45,9 @@ def across(control_points: np.ndarray, weights: np.ndarray | None, lines: int = 
 
 
 def svg(lines: Sequence[np.ndarray] | np.ndarray, title: str, dots: bool = False) -> str | None:
-    """The picture of lines of points (places, dim), or of dots; None if nothing finite is there to see.
+    """The picture of lines of points (places, dim), or of dots; None if it is empty or a point is not finite.
 
-    Of more lines than a sketch can hold evenly chosen ones are drawn.
+    Of more than MOST_LINES lines, evenly chosen ones are drawn.
     """
     chosen = lines[:: 1 + (len(lines) - 1) // MOST_LINES]
     flat = [_seen(np.asarray(line, float)) for line in chosen]
@@ -76,7 +76,7 @@ def _seen(line: np.ndarray) -> np.ndarray:
 
 
 def _resampled(lines: np.ndarray, places: int) -> np.ndarray:
-    """Lines of two places with as many as others have; those are straight."""
+    """Straight lines of two points as lines of `places` points; lines that have `places` points are unchanged."""
     if lines.shape[1] == places:
         return lines
     share = np.linspace(0.0, 1.0, places)[:, None]

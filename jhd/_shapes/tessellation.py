@@ -15,14 +15,14 @@ from jhd._runtime.arrays import joined
 from jhd._shapes.mesh import places_of
 from jhd._shapes.patch_cells import HostPatches, PatchCells, with_bounds
 
-# Of narrower rectangles the ends are not exact: those near one have no more digits.
+# Narrower rectangles have no exact ends: parameters near one have no more digits.
 _NARROWEST = 2.0**-48
 # Rectangles measured together: few enough for their numbers to stay close to the processor.
 _CHUNK = 4096
 
 
 class Tessellation(NamedTuple):
-    """Corners and triangles, where the corners lie on the patches, and how far surface and triangles are apart at most.
+    """Corners, triangles, the locations of the corners on the patches, and a bound of the deviation from the surface.
 
     Args:
         vertices: the corners, each once.
@@ -55,7 +55,7 @@ class _Loops(NamedTuple):
     """The points around rectangles, counter-clockwise in the parameters from the corner of least u and v.
 
     Args:
-        node: numbers of points, one rectangle after the other; one point may have two numbers, at one place.
+        node: numbers of points, one rectangle after the other; one point may have two numbers.
         cell: the rectangle of each entry of `node`.
         inner: how many entries lie inside each of the four sides (cells, 4).
         patch: a patch that each numbered point lies on.
@@ -98,7 +98,7 @@ def tessellate(points: np.ndarray, weights: np.ndarray | None, tolerance: float,
 
 
 def _refined(patches: HostPatches, cells: PatchCells, goal: _Goal, off: float) -> PatchCells:
-    """Rectangles whose triangles are near enough, with vertices that are off by so much."""
+    """Rectangles bisected until their triangles are within tolerance, with vertices whose error is at most `off`."""
     found, count = [], 0
     while len(cells.patch):
         goal.check(2 * (count + len(cells.patch)))
@@ -113,7 +113,7 @@ def _refined(patches: HostPatches, cells: PatchCells, goal: _Goal, off: float) -
 
 
 def _checked(patches: HostPatches, cells: PatchCells, tolerance: float, off: float) -> PatchCells:
-    """The rectangles to bisect; ValueError if that cannot help."""
+    """The rectangles to bisect; ValueError if bisection cannot reach the tolerance."""
     width = np.where(cells.along_u, cells.u1 - cells.u0, cells.v1 - cells.v0)
     if len(width) and (width.min() <= _NARROWEST or not patches.in_user_units(patches.noise + off) <= tolerance):
         raise ValueError(f"tolerance is {tolerance:g}; rounding leaves more on this surface; raise it.")
@@ -134,7 +134,7 @@ def _loops(patches: HostPatches, cells: PatchCells) -> _Loops:
     level = np.stack([cells.v0, cells.u1, cells.v1, cells.u0], axis=1)
     start = np.stack([cells.u0, cells.v0, cells.u1, cells.v1], axis=1)
     end = np.stack([cells.u1, cells.v1, cells.u0, cells.v0], axis=1)
-    # The side of the patch, where the side of the rectangle is one.
+    # The side of the patch, if the side of the rectangle lies on it.
     side = np.array([2, 0, 2, 0]) + (level == 1)
     border = (level == 0) | (level == 1)
     ends = np.stack([np.where(border, patches.borders.along(patch, side, t), t) for t in (start, end)])
@@ -155,7 +155,7 @@ def _loops(patches: HostPatches, cells: PatchCells) -> _Loops:
 
 
 def _counted(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Every row as often as its count says, and 0, 1, ... beside it."""
+    """Row numbers, each repeated by its count, and the numbers 0, 1, ... within each row."""
     row = np.repeat(np.arange(len(counts)), counts)
     return row, np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
 

@@ -41,7 +41,7 @@ def trusted(control_points: Any, weights: Any, next_segment: Any) -> BezierSegme
 
 @lru_cache(maxsize=2)
 def _structure(rational: bool) -> Any:
-    # Asked for first inside a trace, its operations would be part of that program, dead, and of no other.
+    # If first called inside a trace, its operations would become dead code of that trace.
     with jax.ensure_compile_time_eval():
         one = BezierSegments(np.zeros((1, 1, 2)), np.ones((1, 1)) if rational else None)
     return jax.tree_util.tree_structure(one)

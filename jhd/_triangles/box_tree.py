@@ -1,6 +1,6 @@
 """A tree of boxes over triangles as flat arrays, and a grid that names a near triangle for every point.
 
-The triangles are sorted so that every 8^k consecutive ones, from a multiple of 8^k on, lie close together: ranges are
+The triangles are sorted so that any 8^k consecutive ones, from a multiple of 8^k on, lie close together: ranges are
 halved at the median of the longest side of their centers, at multiples of the next block. Node i of level k then covers
 the eight nodes 8 i to 8 i + 7 of the level below, so no links are stored and no node but the last of a level has room
 to spare.
@@ -19,7 +19,7 @@ _SAMPLES = 32
 
 
 class Level(NamedTuple):
-    """Where the nodes of a level are in the array of all nodes."""
+    """Start and number of the nodes of a level in the array of all nodes."""
 
     start: int
     count: int
@@ -76,14 +76,14 @@ def _sorted(centers: Float[np.ndarray, "triangles 3"]) -> Int[np.ndarray, " tria
 
 
 def _sorted_within(centers: np.ndarray, order: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Every range sorted along the longest side of its centers."""
+    """The order with every range sorted along the longest side of its centers."""
     rows = centers[order]
     lower, upper = np.minimum.reduceat(rows, starts), np.maximum.reduceat(rows, starts)
     axis = np.argmax(upper - lower, axis=1)
     index = np.arange(len(starts))
     low, side = lower[index, axis], (upper - lower)[index, axis]
     along = rows[np.arange(len(rows)), np.repeat(axis, sizes)] - np.repeat(low, sizes)
-    # One float orders ranges and places: places fill half of the unit that a range has.
+    # One float orders ranges and positions: positions fill half of the unit of a range.
     keys = np.repeat(index, sizes) + 0.5 * along / np.repeat(np.where(side > 0, side, 1.0), sizes)
     return order[np.argsort(keys, kind="stable")]
 
@@ -93,8 +93,8 @@ class Hints(NamedTuple):
 
     Args:
         lower: the corner of the grid.
-        side: of a cell.
-        triangle: for each cell.
+        side: side of a cell.
+        triangle: the triangle for each cell.
     """
 
     lower: Float[np.ndarray, "3"]
@@ -102,16 +102,16 @@ class Hints(NamedTuple):
     triangle: Int[np.ndarray, "x y z"]
 
     def at(self, points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
-        """The hint for each point; those outside take that of the border."""
+        """The hint for each point; points outside get the hint of the border."""
         shape = np.array(self.triangle.shape)
-        # Beside a tiny mesh the quotients may overflow, to the border too.
+        # If the mesh is tiny the quotients may overflow, to the border too.
         with np.errstate(over="ignore"):
             cells = np.clip((points - self.lower) / self.side, 0, shape - 1).astype(np.int64)
         return self.triangle[cells[:, 0], cells[:, 1], cells[:, 2]]
 
 
 def hints(corners: Float[np.ndarray, "triangles 3 3"]) -> Hints:
-    """The grid, filled with the nearest of sample points of the triangles, one of each cell."""
+    """The grid of a mesh: each cell gets the triangle of the nearest sample point, of which each cell keeps one."""
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     cells = min(_LARGEST_GRID, int(np.ceil(2 * len(corners) ** (1 / 3))) + 1)
     side = float(np.max(upper - lower)) / cells or 1.0
@@ -127,13 +127,13 @@ def hints(corners: Float[np.ndarray, "triangles 3 3"]) -> Hints:
 
 
 def _samples(corners: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the triangles about as far apart as cells are, and the triangles they are of."""
+    """Points of the triangles with a spacing of about one cell, and the triangle of each."""
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
     parts = np.clip(np.ceil(edges / side), 1, _SAMPLES).astype(int)
     points, owners = [], []
     for n in np.unique(parts):
         own = np.flatnonzero(parts == n)
-        # Middles of the n^2 parts of a triangle, those that point up and those that point down.
+        # Middles of the n^2 parts of a triangle, first the parts that point up, then the parts that point down.
         up = [(3 * i + 1, 3 * j + 1) for i in range(n) for j in range(n - i)]
         down = [(3 * i + 2, 3 * j + 2) for i in range(n - 1) for j in range(n - 1 - i)]
         s, r = np.array(up + down).T / (3 * n)
@@ -144,9 +144,9 @@ def _samples(corners: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest_along(nearest: np.ndarray, samples: np.ndarray, middles: list[np.ndarray], axis: int) -> np.ndarray:
-    """For every cell the nearest of the samples of the cells in its row along the axis, -1 where there is none.
+    """The nearest sample to each cell among the samples of cells in its row along the axis; -1 for none.
 
-    One axis after the other, this gives the nearest of all samples that their cells kept.
+    Applied to one axis after the other, it gives the nearest of all samples that their cells kept.
     """
     nearest = np.ascontiguousarray(np.moveaxis(nearest, axis, 0))
     first, second = (middles[i] for i in range(3) if i != axis)

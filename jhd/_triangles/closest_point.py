@@ -31,22 +31,22 @@ from jhd._triangles.box_tree import BoxTree, Hints, Level, box_tree, hints
 from jhd._triangles.point_triangle import LENGTHS, absolute_floor, barycentric, error_factor, frames, squared_distances
 from jhd._triangles.unit import in_unit
 
-# Numbers of pairs, and of points, that programs are compiled for.
+# Numbers of pairs, and of points, for which functions are compiled.
 BLOCKS = (512, 4096, 32768)
 # Points that are farther away than this, in powers of two of the mesh, are searched with the mesh scaled down.
 _FAR = {8: 400, 4: 40}
 
 
 class TriangleTree(NamedTuple):
-    """A mesh prepared for searches, its coordinates divided by 2^exponent, which leaves at most one.
+    """A mesh prepared for searches, with coordinates divided by 2^exponent, so that they are at most one.
 
     Args:
-        table: the triangles in their frames, as sorted; repeated up to a length that programs are compiled for.
-        turn: which corner each frame begins with.
-        boxes: as in BoxTree, padded likewise.
+        table: the sorted triangles in their frames, repeated up to a length for which functions are compiled.
+        turn: the first corner of each frame.
+        boxes: as in BoxTree, padded in length like the table.
         levels: as in BoxTree.
         order: the number in the mesh of each sorted triangle.
-        hints: names sorted triangles.
+        hints: a near sorted triangle for each point.
         exponent: the power of two.
         longest: the longest edge.
         factor: error_factor of the table.
@@ -74,7 +74,7 @@ class Nearest(NamedTuple):
 
     Args:
         square: computed squared distances.
-        triangle: places in the sorted order.
+        triangle: numbers in the sorted order.
     """
 
     square: Float[np.ndarray, " points"]
@@ -90,7 +90,7 @@ class ClosestPoints(NamedTuple):
         upper: proven upper bounds.
         foot: the nearest points.
         triangle: the triangles that hold them.
-        t: their barycentric coordinates there; exactly 0 off a face.
+        t: barycentric coordinates of the nearest points in these triangles; exactly 0 off a face.
     """
 
     distance: Float[np.ndarray, " points"]
@@ -112,7 +112,7 @@ def _tree(mesh: TriangleMesh) -> TriangleTree:
 
 
 def _built(mesh: TriangleMesh) -> TriangleTree:
-    """The tree of a mesh that `in_unit` gives."""
+    """The tree of a mesh returned by `in_unit`."""
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
     dtype = corners.dtype
     tree: BoxTree = box_tree(corners)
@@ -132,12 +132,12 @@ def _built(mesh: TriangleMesh) -> TriangleTree:
 
 
 def _length(count: int) -> int:
-    """The next power of two, at least 16: lengths of tables that programs are compiled for."""
+    """The next power of two, at least 16: lengths of tables for which functions are compiled."""
     return max(16, 1 << (count - 1).bit_length())
 
 
 def point_tree(points: Float[np.ndarray, "points 3"]) -> TriangleTree:
-    """The tree of a set of points, which it takes for triangles: its table has their coordinates alone.
+    """The tree of a set of points, treated as triangles: its table has only their coordinates.
 
     A squared distance then errs by five roundings, and the root by one more; no length but the distance counts.
     """
@@ -195,7 +195,7 @@ def closest_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"]) ->
 
 
 def _joined(which: np.ndarray, first: ClosestPoints, second: ClosestPoints) -> ClosestPoints:
-    """Both parts in one, the first where `which` is true."""
+    """The rows of both parts in one: of the first if `which` is true, else of the second."""
     rows = np.empty(len(which), int)
     rows[which], rows[~which] = np.arange(which.sum()), which.sum() + np.arange((~which).sum())
     return ClosestPoints(*(np.concatenate(pair)[rows] for pair in zip(first, second, strict=True)))
@@ -215,7 +215,7 @@ def in_unit_of(tree: TriangleTree, points: np.ndarray) -> tuple[TriangleTree, np
 
 
 def _shrunk(tree: TriangleTree, power: int) -> TriangleTree:
-    """The same tree in a larger unit; what underflows is below `absolute_floor`."""
+    """The tree in a unit larger by 2^power; lengths that underflow are below `absolute_floor`."""
     table = np.array(tree.table)
     # A table of points has three columns.
     lengths = [k for k in LENGTHS if k < table.shape[1]]
@@ -235,17 +235,17 @@ def _shrunk(tree: TriangleTree, power: int) -> TriangleTree:
 
 
 def in_unit_again(length: np.ndarray, exponent: int) -> np.ndarray:
-    """Lengths in the user's unit; infinite where they are beyond all floats."""
+    """Lengths in the user's unit; infinite if they exceed all floats."""
     with np.errstate(over="ignore"):
         return np.ldexp(length, exponent)
 
 
 def outward(length: np.ndarray, exponent: int, dtype: Any, sign: int) -> np.ndarray:
-    """Bounds in double precision as bounds in the user's unit and precision, none below zero; zero stays what it is."""
+    """Convert bounds in double precision to the user's unit and precision, rounded to `sign`; zero if not positive."""
     with np.errstate(over="ignore", under="ignore"):
         scaled = np.nextafter(np.ldexp(length, exponent).astype(dtype), dtype.type(sign * np.inf))
     most = np.finfo(dtype).max if sign < 0 else np.inf
-    # What is no number stays none: it bounds nothing.
+    # NaN stays NaN: it bounds nothing.
     return np.where(np.asarray(length) <= 0, 0.0, np.clip(scaled, 0.0, most)).astype(dtype)
 
 
@@ -258,8 +258,8 @@ def nearest_triangles(
 
     Args:
         tree: the tree.
-        points: as `in_unit_of` gives them.
-        near: a triangle for each point, in the sorted order, that is known to be near; by default those of the hints.
+        points: as returned by `in_unit_of`.
+        near: a near triangle for each point, in the sorted order; by default the hints.
     """
     order = np.argsort(curve_places(tree, points), kind="stable")
     square, triangle = np.empty(len(points), points.dtype), np.empty(len(points), np.int32)
@@ -273,8 +273,8 @@ def nearest_triangles(
 
 
 def _searched(tree: TriangleTree, points: np.ndarray, square: np.ndarray, triangle: np.ndarray) -> Nearest:
-    """The search itself, from distances and triangles that hold already."""
-    # A box errs by five roundings of its square, a triangle by those of its own; see the module's docstring.
+    """Run the search from distances to known triangles."""
+    # A box errs by five roundings of its square, a triangle by its own roundings; see the module's docstring.
     room = 1 + gamma(64, points.dtype)
     tiny = 64 * smallest_normal(points.dtype)
     square, triangle = square.copy(), triangle.copy()
@@ -297,9 +297,9 @@ def _searched(tree: TriangleTree, points: np.ndarray, square: np.ndarray, triang
 def triangles_within(
     tree: TriangleTree, points: Float[np.ndarray, "points 3"], bound: Float[np.ndarray, " points"], most: int
 ) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
-    """All triangles whose boxes are within bounds of points, in the unit of the tree: points, and sorted triangles.
+    """Pairs of a point and a sorted triangle whose box is within the point's bound, in the unit of the tree.
 
-    Points with more of them than that have none.
+    Points with more than `most` triangles, or nodes of a level, have none.
     """
     room = 1 + gamma(64, points.dtype)
     square = (bound * room) ** 2 * room + 64 * smallest_normal(points.dtype)
@@ -315,7 +315,7 @@ def triangles_within(
 
 
 def popped(stack: list[tuple[int, np.ndarray, np.ndarray]]) -> tuple[int, np.ndarray, np.ndarray]:
-    """The pairs of points and nodes that wait last, with their level: at most a block, the rest of them stay."""
+    """Remove and return the last pairs of points and nodes, with their level: at most a block; the others stay."""
     level, who, node = stack.pop()
     if len(who) > BLOCKS[-1]:
         stack.append((level, who[BLOCKS[-1] :], node[BLOCKS[-1] :]))
@@ -325,7 +325,7 @@ def popped(stack: list[tuple[int, np.ndarray, np.ndarray]]) -> tuple[int, np.nda
 def _improve(
     tree: TriangleTree, points: np.ndarray, who: np.ndarray, node: np.ndarray, square: np.ndarray, triangle: np.ndarray
 ) -> None:
-    """Takes over the distances of pairs of points and triangles, pairs of one point together, where they are less."""
+    """Update distances and triangles in place by pairs of points and triangles, grouped by point, that are nearer."""
     found = pair_squares(tree.table, points[who], node)
     starts = np.flatnonzero(np.concatenate([[True], who[1:] != who[:-1]]))
     least = np.minimum.reduceat(found, starts)
@@ -342,12 +342,12 @@ def pair_squares(table: Array, points: np.ndarray, rows: np.ndarray) -> np.ndarr
 
 
 def in_blocks(program: Any, *arrays: np.ndarray) -> Any:
-    """A program on arrays of any common length, padded to a few sizes by repeating the last row."""
+    """Call a compiled function on arrays of any common length, padded to a few sizes by repeating the last row."""
     return in_blocks_of(BLOCKS, lambda _, *part: program(*part), arrays)
 
 
 def in_blocks_of(sizes: tuple[int, ...], program: Any, arrays: tuple[np.ndarray, ...]) -> Any:
-    """The same in blocks of these sizes, for a program that first takes how many rows of its block are no padding."""
+    """`in_blocks` with blocks of these sizes; the first argument of the function is the number of rows not padded."""
     parts, count = [], len(arrays[0])
     for start in range(0, count, sizes[-1]):
         part = [x[start : start + sizes[-1]] for x in arrays]
@@ -361,14 +361,14 @@ def in_blocks_of(sizes: tuple[int, ...], program: Any, arrays: tuple[np.ndarray,
 
 
 def _repeated(rows: np.ndarray, length: int) -> np.ndarray:
-    """The rows, and the last one again, up to a length; quicker than to join them."""
+    """The rows padded to a length by repeating the last one; faster than concatenation."""
     out = np.empty((length, *rows.shape[1:]), rows.dtype)
     out[: len(rows)], out[len(rows) :] = rows, rows[-1]
     return out
 
 
 def _in_reach(tree: TriangleTree, points: np.ndarray, bound: np.ndarray, node: np.ndarray) -> np.ndarray:
-    """Which children's boxes are no farther than the bounds, (pairs, 8)."""
+    """Mask (pairs, 8) of the children whose boxes are within the bounds."""
     return in_blocks(lambda p, b, n: _reach(tree.boxes, p, b, n), points, bound, node)
 
 
@@ -399,7 +399,7 @@ def _reach(boxes: Array, points: Array, bound: Array, node: Array) -> Bool[Array
 
 
 def curve_places(tree: TriangleTree, points: np.ndarray) -> np.ndarray:
-    """Places along a curve that fills space, so that points which follow each other share nodes."""
+    """Positions of points along a space-filling curve, so that consecutive points share nodes."""
     scale = tree.hints.side * max(tree.hints.triangle.shape)
     with np.errstate(over="ignore"):
         cells = np.clip((points - tree.hints.lower) / scale * 1023, 0, 1023).astype(np.int64)

@@ -27,9 +27,9 @@ class NearestPair(NamedTuple):
     """A nearest pair of points of two triangles, exactly.
 
     Args:
-        square: the squared distance; zero where the triangles meet.
-        weights_a: barycentric coordinates of the point of the first one; exactly 0 off the feature that holds it.
-        weights_b: those of the other point.
+        square: the squared distance; zero if the triangles meet.
+        weights_a: barycentric coordinates of the point of the first triangle; exactly 0 off the feature that holds it.
+        weights_b: barycentric coordinates of the point of the second triangle.
     """
 
     square: Fraction
@@ -38,7 +38,7 @@ class NearestPair(NamedTuple):
 
 
 def exact_pair(a: np.ndarray, b: np.ndarray) -> NearestPair:
-    """A nearest pair of the triangles with these corners (3, 3), floats taken as the real numbers that they are."""
+    """A nearest pair of points of the triangles with these corners (3, 3), for the exact values of the floats."""
     rows = [[Fraction(x) for x in corner] for corner in np.concatenate([a, b]).astype(float).tolist()]
     # Integers multiply faster than fractions; a denominator is a power of two.
     scale = max(x.denominator for row in rows for x in row)
@@ -59,9 +59,9 @@ class Planes(NamedTuple):
     """The planes through two nearest points, across the line that joins them.
 
     Args:
-        normal: from the point of b to that of a.
+        normal: vector from the point of b to the point of a.
         at_a: the scalar product of the normal and the points of the plane of a.
-        at_b: that for the plane of b.
+        at_b: the scalar product of the normal and the points of the plane of b.
     """
 
     normal: _Vector
@@ -79,7 +79,7 @@ def planes(a: np.ndarray, b: np.ndarray, nearest: NearestPair) -> Planes:
 def is_behind(found: Planes, sign: int, triangle: np.ndarray) -> bool:
     """Whether a triangle of the mesh a (sign 1) or b (sign -1) lies behind its plane, or in it.
 
-    The distance of two triangles that are both behind their planes is at least that of the planes.
+    The distance of two triangles that are both behind their planes is at least the distance of the planes.
     """
     limit = found.at_a if sign > 0 else found.at_b
     return all(sign * (_dot(found.normal, corner) - limit) >= 0 for corner in _exactly(triangle))
@@ -90,7 +90,7 @@ def _exactly(triangle: np.ndarray) -> list[_Vector]:
 
 
 def _candidates(s: _Triangle, t: _Triangle) -> Iterator[tuple[_Vector, _Vector]]:
-    """Barycentric coordinates of pairs, among which a nearest one is."""
+    """Barycentric coordinates of candidate pairs that include a nearest pair."""
     yield from _piercing(s, t)
     yield from ((x, y) for y, x in _piercing(t, s))
     yield from _of_vertices(s, t)
@@ -99,7 +99,7 @@ def _candidates(s: _Triangle, t: _Triangle) -> Iterator[tuple[_Vector, _Vector]]
 
 
 def _piercing(s: _Triangle, t: _Triangle) -> Iterator[tuple[_Vector, _Vector]]:
-    """Where edges of s meet the face of t and are not in its plane."""
+    """Points at which edges of s meet the face of t, without edges in its plane."""
     normal = _cross(_minus(t[1], t[0]), _minus(t[2], t[0]))
     heights = [_dot(_minus(corner, t[0]), normal) for corner in s]
     for i in _CORNERS:
@@ -128,7 +128,7 @@ def _of_vertices(s: _Triangle, t: _Triangle) -> Iterator[tuple[_Vector, _Vector]
 
 
 def _of_edges(s: _Triangle, t: _Triangle) -> Iterator[tuple[_Vector, _Vector]]:
-    """Nearest points of the lines through edges that are not parallel, where both are on their edges."""
+    """Nearest points of the lines through edges that are not parallel, if both are on their edges."""
     for i in _CORNERS:
         u = _minus(s[_NEXT[i]], s[i])
         for j in _CORNERS:
@@ -141,7 +141,7 @@ def _of_edges(s: _Triangle, t: _Triangle) -> Iterator[tuple[_Vector, _Vector]]:
 
 
 def _in_face(w: _Vector, t: _Triangle, normal: _Vector) -> _Vector | None:
-    """Barycentric coordinates of the foot of t[0] + w on the plane of t, None where it is not in the triangle."""
+    """Barycentric coordinates of the foot of t[0] + w on the plane of t; None if it is not in the triangle."""
     area_sq = _square(normal)
     if area_sq == 0:
         return None
@@ -152,7 +152,7 @@ def _in_face(w: _Vector, t: _Triangle, normal: _Vector) -> _Vector | None:
 
 
 def _on_edge(i: int, share: Fraction) -> _Vector:
-    """Barycentric coordinates of the place between corner i and the next one."""
+    """Barycentric coordinates of the point at the fraction `share` from corner i to the next one."""
     weights = [_ZERO, _ZERO, _ZERO]
     weights[i], weights[_NEXT[i]] = 1 - share, share
     return weights[0], weights[1], weights[2]

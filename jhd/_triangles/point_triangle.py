@@ -3,7 +3,7 @@
 Every triangle is stored in a frame of its own. Its corners are turned in cyclic order until the edge from A to B is the
 longest, of length L. The frame has the unit vectors u along this edge and v in the plane of the triangle, on the side
 of C, and there the corners are (0, 0), (L, 0) and (c, h) with 0 <= c <= L and h >= 0. A point p has the coordinates
-x = w.u, y = w.v, z = w.(u x v) with w = p - A. Its squared distance is z^2 where (x, y) is inside, else z^2 and the
+x = w.u, y = w.v, z = w.(u x v) with w = p - A. Its squared distance is z^2 if (x, y) is inside, else z^2 plus the
 least squared distance of (x, y) to the three edges; nothing is divided, so slivers cost no digits. A triangle without
 area has h = 0: no point is strictly inside, and its edges do the rest. This covers the seven regions of the paper.
 
@@ -44,16 +44,16 @@ from jhd._runtime.arrays import is_traced
 
 # Columns of the table of triangles.
 COLUMNS = 18
-# Those of them that are lengths.
+# Columns that are lengths.
 LENGTHS = (0, 1, 2, 9, 12, 15, 16, 17)
 
 
 class Frames(NamedTuple):
-    """Triangles in their frames; NumPy arrays, or JAX arrays where the corners are traced.
+    """Triangles in their frames; NumPy arrays, or JAX arrays if the corners are traced.
 
     Args:
-        table: A, u, v, L, c1, s1, l1, c2, s2, l2, c, h of each.
-        turn: which corner of the triangle A is.
+        table: A, u, v, L, c1, s1, l1, c2, s2, l2, c, h of each triangle.
+        turn: the number of the corner A in the triangle.
         longest: M, the largest L.
         defect: eps of this module's docstring, with room for the rounding of measuring it.
     """
@@ -69,7 +69,7 @@ def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:
 
     Args:
         corners: coordinates of at most one in absolute value.
-        dtype: of the table.
+        dtype: precision of the table.
     """
     xp: Any = jnp if is_traced(corners) else np
     roundoff = unit_roundoff(corners.dtype)
@@ -83,7 +83,7 @@ def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:
     side = ldexp(c - a, -power[:, None])
     along = xp.clip(_dot(side, u), 0.0, length)
     v = side - along[:, None] * u
-    # One projection leaves what rounding put along u; twice is enough, and the third is for the ones that vanish.
+    # One projection leaves rounding errors along u; two are enough, and the third is for nearly vanishing v.
     for _ in range(3):
         v = v - _dot(v, u)[:, None] * u
     # Below this, v is made of rounding errors.
@@ -104,7 +104,7 @@ def _dot(x: Any, y: Any) -> Any:
 
 
 def _normalized(xp: Any, x: Any, otherwise: np.ndarray) -> tuple[Any, Any]:
-    """Unit vectors and lengths; for vectors of length zero the other one."""
+    """Unit vectors and lengths; `otherwise` replaces unit vectors of length zero."""
     size = xp.max(xp.abs(x), axis=1, keepdims=True)
     scaled = x / xp.where(size > 0, size, 1.0)
     length = xp.sqrt(xp.where(size > 0, _dot(scaled, scaled)[:, None], 1.0))
@@ -138,12 +138,12 @@ def error_factor(defect: Any, dtype: DTypeLike) -> Any:
 
 
 def absolute_floor(dtype: DTypeLike) -> float:
-    """What underflow can take off a length."""
+    """Bound of the error of a length by underflow."""
     return 4 * math.sqrt(smallest_normal(dtype))
 
 
 class _InPlane(NamedTuple):
-    """Coordinates of a point in a triangle's frame, places along the three edges, and squares of the distances."""
+    """Coordinates of a point in a triangle's frame, foot parameters on the three edges, and squared distances."""
 
     x: Array
     y: Array
@@ -210,5 +210,5 @@ def barycentric(
 
 
 def _share(part: Array, whole: Array) -> Array:
-    """The quotient, exactly one where both are equal and zero where the whole is."""
+    """The quotient part / whole; exactly one if both are equal, and zero if the whole is zero."""
     return jnp.where(part >= whole, jnp.where(whole > 0, 1.0, 0.0), part / jnp.where(whole > 0, whole, 1.0))

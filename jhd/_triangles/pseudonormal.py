@@ -1,4 +1,4 @@
-"""Which points are inside a closed mesh, by the angle-weighted normal at their nearest point.
+"""Test of points for the inside of a closed mesh, by the angle-weighted normal at their nearest point.
 
 Right for closed meshes without self-intersections, wrong for others. A face has its own normal. An edge has the sum of
 the normals of its two triangles. A vertex has the sum of the normals of all its triangles, weighted by their angles at
@@ -19,7 +19,7 @@ from jhd._triangles.unit import in_unit, scaled_down
 
 
 class Pseudonormals(NamedTuple):
-    """Outward normals of the faces, edges and corners of every triangle, as long as they happen to be.
+    """Outward normals, not normalized, of the faces, edges and corners of every triangle.
 
     Args:
         face: of the triangles.
@@ -37,7 +37,7 @@ def pseudonormals(mesh: TriangleMesh, sign: str = "pseudonormal") -> Pseudonorma
 
     Args:
         mesh: the mesh.
-        sign: "pseudonormal"; or "average", where all triangles at a vertex count alike.
+        sign: "pseudonormal"; or "average", which weights all triangles at a vertex equally.
 
     Raises:
         ValueError: a mesh that is not closed, or not consistently oriented.
@@ -65,6 +65,7 @@ def _angles(mesh: TriangleMesh) -> np.ndarray:
 
 
 def _normals(mesh: TriangleMesh, sign: str) -> Pseudonormals:
+    """The `pseudonormals` of a closed mesh, computed on the host; ValueError for any other mesh."""
     if not (mesh.is_closed and mesh.is_manifold):
         needed = "a closed mesh in which two triangles run along each edge, in opposite directions"
         raise ValueError(f"sign={sign!r} needs {needed}; use sign='winding'.")
@@ -92,9 +93,9 @@ def is_behind(
 
     Args:
         mesh: the mesh.
-        points: in its unit.
+        points: in the unit of the mesh.
         triangle: the triangle that holds the nearest point.
-        t: its barycentric coordinates there, exactly 0 off a face.
+        t: barycentric coordinates of the nearest point, exactly 0 off a face.
         sign: as for `pseudonormals`.
 
     Raises:

@@ -1,13 +1,13 @@
 """Distances of many pairs of triangles at once: proven bounds, whatever the triangles' shapes are.
 
 Two points p, q of the triangles are found as the nearest of fifteen candidates: on nine pairs of edges, and six
-vertices with their feet on the other face. How they are found proves nothing, and has to prove nothing:
+vertices with their feet on the other face. The bounds do not depend on how they are found:
 
 - **upper**: p and q are points of the triangles up to rounding, so |p - q| is an upper bound;
 - **lower**: for any vector n of length one, min over a of n.x less max over b of n.x is a lower bound, and of convex
   sets the minimum or maximum is at a corner. Tried are the direction of p - q, both normals and the normal of the
-  nearest pair of edges: of triangles that do not meet, one of them is that of the nearest points but for rounding, also
-  where they are so close that p - q has few digits. Of triangles that meet the bound is negative.
+  nearest pair of edges. If triangles do not meet, one of these is the direction of the nearest points up to rounding,
+  even if p - q has few digits because they are close. If triangles meet, the bound is negative.
 
 Degenerate triangles are the convex hulls of their corners, like all others.
 
@@ -30,12 +30,12 @@ from jhd._triangles.point_triangle import absolute_floor
 
 
 class PairBounds(NamedTuple):
-    """What is known of pairs of triangles.
+    """Bounds for pairs of triangles.
 
     Args:
         lower: proven lower bounds of the distances.
         upper: proven upper bounds.
-        gap: the largest gap along a direction, negative where triangles meet, or may do so.
+        gap: the largest gap along a direction; negative if triangles meet or may meet.
     """
 
     lower: Float[Array, " pairs"]
@@ -44,7 +44,7 @@ class PairBounds(NamedTuple):
 
 
 def lower_bounds(a: Float[Array, "corners 3 pairs"], b: Float[Array, "corners 3 pairs"]) -> Float[Array, " pairs"]:
-    """Proven lower bounds of the distances along the lines that join the triangles' middles, which is quick."""
+    """Proven lower bounds of the distances, computed fast along the lines that join the triangles' middles."""
     s, t = a - b[0], b - b[0]
     gap = _gap(jnp.sum(s, axis=0) - jnp.sum(t, axis=0), s, t)
     return _proven(gap, _size(s, t))
@@ -73,7 +73,7 @@ def _size(s: Array, t: Array) -> Array:
 
 
 def _gap(direction: Array, s: Array, t: Array) -> Array:
-    """How far the triangles are apart along a direction or its opposite; zero along no direction."""
+    """The gap between the triangles along a direction or its opposite; zero for a zero direction."""
     most = jnp.max(jnp.abs(direction), axis=0)
     n = direction / jnp.where(most > 0, most, 1.0)
     length = jnp.sqrt(_dot(n, n))
@@ -105,7 +105,7 @@ def _of_edges(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, Array]:
     """The difference of nearest points of the edges p + [0, 1] u and q + [0, 1] v, and their common normal."""
     w = p - q
     a, b, c, d, e = _dot(u, u), _dot(u, v), _dot(v, v), _dot(u, w), _dot(v, w)
-    # The best place on the one edge, on the other one for it, and on the one again where that was cut off.
+    # The best parameter on the first edge, then on the second, then on the first again as the second may be clipped.
     first = _share(b * e - c * d, a * c - b * b)
     second = _share(b * first + e, c)
     first = _share(b * second - d, a)
@@ -113,7 +113,7 @@ def _of_edges(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def _foot(p: Array, t: Array) -> Array:
-    """The difference of a point and its foot on the face of t, infinite where that is not inside."""
+    """The difference of a point and its foot on the face of t; infinite if the foot is not inside."""
     u, v, w = t[1] - t[0], t[2] - t[0], p - t[0]
     normal = _cross(u, v)
     square = _dot(normal, normal)

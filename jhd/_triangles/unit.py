@@ -15,7 +15,7 @@ from jhd._shapes.prepared import Prepared, prepared
 
 
 class _InUnit(NamedTuple):
-    """A mesh divided by a power of two, held with what is made of it; None where that is the mesh itself."""
+    """A mesh divided by a power of two, prepared; None if the power is zero."""
 
     held: Prepared | None
     power: int
@@ -24,7 +24,7 @@ class _InUnit(NamedTuple):
 def in_unit(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:
     """The mesh, its numbers known, divided by the power of two that brings its coordinates to [1/2, 1); and the power.
 
-    Nothing that is worked out about it has squares that underflow or overflow, but for triangles that are tiny in it.
+    Squares in computations with it neither underflow nor overflow, except for triangles that are tiny in it.
     """
     held, power = prepared(mesh)._part(_in_unit)
     return (mesh if held is None else held.shape), power
@@ -42,9 +42,9 @@ def _in_unit(mesh: TriangleMesh) -> _InUnit:
 
 
 def scaled_down(points: np.ndarray, power: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points divided by 2^power, and which of them that leaves in the range of floats.
+    """Points divided by 2^power, and the indices of points that stay in the range of floats.
 
-    The others, put at the origin here, are so far from a mesh that `in_unit` divided by it that they are outside.
+    The others are set to the origin; they are so far from a mesh divided by `in_unit` that they are outside.
     """
     with np.errstate(over="ignore"):
         scaled = np.ldexp(points, -power)

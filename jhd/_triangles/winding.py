@@ -1,4 +1,4 @@
-"""Winding numbers of triangle meshes, and which points they put inside, decided with proven errors.
+"""Winding numbers of triangle meshes, and the inside of a mesh by them, decided with proven errors.
 
 The winding number of a point q is the sum of the signed solid angles of the triangles over 4 pi: an integer off a
 closed mesh, and a smooth generalization elsewhere. Triangles far from q are taken together: with
@@ -9,10 +9,10 @@ K(x) = (x - q) / |x - q|^3 and a node of the tree about c, the integral of K.n o
 K is the gradient of -1 / |x - q|, whose third derivatives have the norm 6 / |x - q|^4. So the remainder is at most
 3 S / (|r| - R)^4, where R is the largest |x - c| and S the integral of |x - c|^2. A node whose error is too large is
 opened, in the end down to its triangles, whose solid angles are exact but for rounding. The sum of all errors is kept
-for every point; where it leaves |w| >= 1/2 open, the point is done again with a smaller tolerance, at last with none.
+for every point; if it leaves |w| >= 1/2 open, the point is done again with a smaller tolerance, at last with none.
 
-Where every edge of a mesh is run along as often one way as the other, the number is constant off the mesh: then two
-points are on one side if the balls about them that are free of the mesh meet, and one of them is asked for both.
+If every edge of a mesh is traversed equally often in both directions, the number is constant off the mesh. Then two
+points are on one side if the balls about them that are free of the mesh meet, and one evaluation serves both.
 
 Sources: Jacobson, Kavan, Sorkine-Hornung, Robust inside-outside segmentation using generalized winding numbers (2013);
 Barill, Dickson, Schmidt, Levin, Jacobson, Fast winding numbers for soups and clouds (2018), whose criterion for opening
@@ -50,17 +50,17 @@ from jhd._triangles.unit import in_unit, scaled_down
 
 # Largest error of one node, in turn: the first decides nearly all points of a closed mesh, the last opens every node.
 _TOLERANCES = (1.2e-2, 2e-3, 1e-5, 0.0)
-# Points this far from each other along a curve through space are looked at for balls that meet.
+# Steps along the space-filling curve between points that are tested for balls that meet.
 _STEPS = (1, 2, 4, 8, 16)
-# So few groups of points are asked without moving them to where there is more room, which is done this many times.
+# Groups of points up to this number are evaluated without moving them to more room; most rounds of moving.
 _FEW, _TURNS = 256, 3
-# Steps away from the mesh that are tried, as shares of its size.
+# Steps away from the mesh that are tried, as fractions of its size.
 _STEPS_AWAY = [2.0**-k for k in (3, 5, 7, 10, 13, 16, 20)]
 # Triangles whose solid angles are formed at once under tracing.
 _PAIRS = 1 << 16
-# What underflow takes off the sums of a node at most, in smallest normal numbers: triangles lose fractions of one.
+# Largest loss of the sums of a node by underflow, in smallest normal numbers: triangles lose fractions of one.
 _LOST = 64
-# Triangles whose errors add up to this are left as they are where others are taken exactly.
+# Triangles whose errors add up to at most this are not evaluated exactly.
 _ROOM = 0.1
 
 
@@ -68,8 +68,8 @@ class _Moments(NamedTuple):
     """Sums over the triangles of every node, in the order of the tree's nodes.
 
     Args:
-        table: c, N, M, R, S and the area of each node (18 numbers), repeated up to a length that programs are made for.
-        corners: of the sorted triangles, padded likewise.
+        table: c, N, M, R, S and area of each node (18 numbers), repeated up to a length with a compiled function.
+        corners: corners of the sorted triangles, padded in length like the table.
         count: number of triangles.
     """
 
@@ -87,9 +87,9 @@ def is_inside(
 
     Args:
         mesh: the mesh, closed or not.
-        points: in its unit.
-        found: their nearest points, which save work where the mesh is closed; then points that may be on it, to within
-            rounding, are called outside.
+        points: in the unit of the mesh.
+        found: the nearest points, which save work if the mesh is closed; then points that may be on the mesh, to
+            within rounding, count as outside.
     """
     mesh, power = in_unit(mesh)
     points, near = scaled_down(points, power)
@@ -105,10 +105,10 @@ def is_inside(
 
 
 def _grouped(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: np.ndarray) -> np.ndarray:
-    """The same for points about which balls of radius `room` are free of a closed mesh.
+    """`is_inside` for points about which balls of radius `room` are free of a closed mesh.
 
-    One member of each group is asked. Where many groups are left, these are moved away from their feet, to where there
-    is more room, so that more of their balls meet.
+    One member of each group is evaluated. If many groups are left, these members are moved away from their feet to
+    more room, so that more of their balls meet.
     """
     tree, members = triangle_tree(mesh), np.arange(len(points))
     for turn in range(_TURNS + 1):
@@ -121,7 +121,7 @@ def _grouped(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: np.
 
 
 def _leaders(points: np.ndarray, room: np.ndarray, tree: TriangleTree) -> tuple[np.ndarray, np.ndarray]:
-    """One point of each group of balls that meet, that with the most room, and the number of the group of each."""
+    """The point with the most room of each group of meeting balls, and the group number of each point."""
     order, group = _linked(points, room, tree)
     largest = np.lexsort((-room[order], group))
     chosen = order[largest[np.flatnonzero(np.diff(group[largest], prepend=-1))]]
@@ -131,10 +131,10 @@ def _leaders(points: np.ndarray, room: np.ndarray, tree: TriangleTree) -> tuple[
 
 
 def _move_away(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: np.ndarray) -> None:
-    """Moves points away from their feet, in place, as far as they are proven to stay on their side of a closed mesh.
+    """Move points away from their feet, in place, as far as they are proven to stay on their side of a closed mesh.
 
-    A step is proven where the ball free of the mesh about the new place meets that about the old one. The longest steps
-    are tried first: where the mesh is nearly flat, the room grows by all of the step.
+    A step is proven if the balls free of the mesh about the new and the old point meet. The longest steps are tried
+    first: if the mesh is nearly flat, the room grows by the whole step.
     """
     away = points - foot
     length = np.max(np.abs(away), axis=1, keepdims=True)
@@ -180,7 +180,7 @@ def _linked(points: np.ndarray, clearance: np.ndarray, tree: TriangleTree) -> tu
 
 
 def _decided(mesh: TriangleMesh, points: np.ndarray) -> np.ndarray:
-    """The same for each point by itself, of a mesh as `in_unit` gives it."""
+    """`is_inside` for each point by itself, for a mesh as returned by `in_unit`."""
     tree, moments, scaled = _prepared(mesh, points)
     inside, open_ = np.zeros(len(points), bool), np.arange(len(points))
     for tolerance in _TOLERANCES:
@@ -206,7 +206,7 @@ def winding_numbers(
 
     Args:
         mesh: the mesh, closed or not.
-        points: in its unit; on the mesh the number jumps, and the bound says so.
+        points: in the unit of the mesh; on the mesh the number jumps, and the bound is large.
         atol: largest error of one node; with 0 all triangles are taken one by one.
     """
     mesh, power = in_unit(mesh)
@@ -217,7 +217,7 @@ def winding_numbers(
 
 
 def _prepared(mesh: TriangleMesh, points: np.ndarray) -> tuple[TriangleTree, _Moments, np.ndarray]:
-    """Tree, sums and points in one unit, for a mesh as `in_unit` gives it."""
+    """Tree, sums and points in one unit, for a mesh as returned by `in_unit`."""
     tree, scaled = in_unit_of(triangle_tree(mesh), points)
     return tree, _shrunk(prepared(mesh)._part(_moments), tree.exponent), scaled
 
@@ -242,7 +242,7 @@ def _moments(mesh: TriangleMesh) -> _Moments:
 
 
 def _of_level(corners: np.ndarray, normal: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """c, N, M, R, S and area of the nodes whose triangles begin at these places."""
+    """c, N, M, R, S and area of the nodes whose triangles begin at the indices `starts`."""
     low, high = np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
     center, size = 0.5 * (low + high), np.max(np.abs(normal), axis=1)
     area = size * np.linalg.norm(normal / np.where(size > 0, size, 1.0)[:, None], axis=1)
@@ -258,7 +258,7 @@ def _of_level(corners: np.ndarray, normal: np.ndarray, starts: np.ndarray) -> np
 
 
 def _shrunk(moments: _Moments, power: int) -> _Moments:
-    """The same sums in a unit that is larger by a power of two; what underflows is far below any decision."""
+    """The sums in a unit larger by 2^power; numbers that underflow are far below any decision."""
     if power == 0:
         return moments
     powers = np.repeat([1, 2, 3, 1, 4, 2], [3, 3, 9, 1, 1, 1]) * -power
@@ -295,10 +295,10 @@ def _numbers(
 
 @optimized
 def _expansions(table: Array, points: Array, node: Array) -> tuple[Array, Array]:
-    """Winding numbers of nodes by the expansion, and bounds of their errors; infinity where q may be among them.
+    """Winding numbers of nodes by the expansion, and bounds of their errors; infinite if q may be within the radius R.
 
-    The terms are at most A / |r|^2 and 4 A R / |r|^3, and have far less than 64 roundings. What underflows of N, M and
-    S adds a part of its own.
+    The terms are at most A / |r|^2 and 4 A R / |r|^3, and have far less than 64 roundings. Underflow in N, M and S adds
+    a separate part.
     """
     row = table[node]
     r = [row[:, k] - points[:, k] for k in range(3)]
@@ -332,10 +332,10 @@ def _angles(corners: Array, points: Array, triangle: Array) -> tuple[Array, Arra
 def solid_angles(offsets: Float[Array, "*batch corners 3"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
     """Solid angles over 4 pi of triangles seen from the origin, and bounds of the errors.
 
-    The angle is twice that of the vector (D, V) with V = det(a, b, c) and
+    The angle is twice the angle of the vector (D, V) with V = det(a, b, c) and
     D = |a| |b| |c| + (a.b) |c| + (b.c) |a| + (c.a) |b|. Corners have one rounding each; so V has an error of at most
     gamma(9) times the sum of the absolute values of its six products, which is at most sqrt(2) |a| |b| |c|, and D one
-    of gamma(16) 4 |a| |b| |c|. An error e of a vector of length l > e turns it by at most (pi / 2) e / l. Where D is
+    of gamma(16) 4 |a| |b| |c|. An error e of a vector of length l > e turns it by at most (pi / 2) e / l. If D is
     negative and V has no certain sign, the angle may be off by a whole turn of the vector.
     """
     a, b, c = (offsets[..., k, :] for k in range(3))
@@ -357,7 +357,7 @@ def solid_angles(offsets: Float[Array, "*batch corners 3"]) -> tuple[Float[Array
 
 
 def _exact_number(corners: np.ndarray, point: np.ndarray) -> float:
-    """The winding number from all triangles, those of the largest errors exactly until the others err by little."""
+    """The winding number from all triangles; triangles with the largest errors are evaluated exactly."""
     value, bound = (np.array(x) for x in _known_angles(jnp.asarray(corners), jnp.asarray(point)))
     order = np.argsort(bound)
     for k in order[np.cumsum(bound[order]) > _ROOM]:
@@ -369,7 +369,7 @@ def _exact_number(corners: np.ndarray, point: np.ndarray) -> float:
 def _exact_angle(a: list[Fraction], b: list[Fraction], c: list[Fraction]) -> float:
     """The solid angle over 4 pi of a triangle seen from the origin, to single precision; zero from its own plane.
 
-    V is exact, and the roots in D get as many digits as that takes: it ends, as V is not zero.
+    V is exact, and the roots in D get as many digits as needed: this ends, as V is not zero.
     """
     volume = sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
     if not volume:
@@ -384,7 +384,7 @@ def _exact_angle(a: list[Fraction], b: list[Fraction], c: list[Fraction]) -> flo
 
 
 def _below(a: list[Fraction], b: list[Fraction], c: list[Fraction], bits: int) -> tuple[Fraction, Fraction]:
-    """Bounds of D, with roots to so many bits."""
+    """Bounds of D, with roots to `bits` bits."""
     lengths = [root_between(_dot(v, v), bits) for v in (a, b, c)]
     factors = _dot(b, c), _dot(c, a), _dot(a, b)
     terms = [sorted(factor * end for end in ends) for factor, ends in zip(factors, lengths, strict=True)]
