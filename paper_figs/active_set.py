@@ -6,6 +6,9 @@ experiment.
 Caption: Critical pairs of a fit from a poor start to equal maxima, the distances along both curves, and the
 convergence; a pair that is a maximum along both curves is marked once. The run starts with 1 of 4 pairs at the maximum.
 It ends with 7 of 8, equal to 1e-14, at a distance of 0.281167221.
+
+Alt text: Six drawings of an M-shaped target and a dashed fitted curve with segments at the critical pairs, each above
+its distance profiles, and three plots against the step: distance, values of the pairs, and stationarity.
 """
 
 from typing import Any

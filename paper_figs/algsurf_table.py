@@ -4,8 +4,11 @@ Numbers by algsurf_table's experiment.
 
 Caption: The two cones of the paper: width of the interval against time, the intervals, cells kept on each level, and
 pairs a second. The printed interval [sqrt(17/32), sqrt(103/128)] belongs to 64 cells along the box, whose edge is 1/16;
-a tolerance of 1/64, as printed, would need 256 cells. BranchAndBound proves (sqrt(43) - 4) / 3 to eleven digits in
-less than a second.
+a tolerance of 1/64, as printed, would need 256 cells. The branch and bound of jhd proves (sqrt(43) - 4) / 3 to eleven
+digits in less than a second.
+
+Alt text: Four panels: interval width against time, where jhd drops to 1e-12 within a second; vertical interval bars
+that shrink around the exact distance; excess cells by level; and three bars of pairs of cells a second.
 """
 
 from fractions import Fraction
@@ -59,7 +62,8 @@ def _draw_widths(ax: Axes, numbers: dict[str, Any]) -> None:
     search = numbers["search"]
     if search:
         half = [max((x["upper"] - x["lower"]) / 2, _NARROWEST) for x in search]
-        ax.loglog([x["seconds"] for x in search], half, color=GREEN, marker="o", markersize=4, label="BranchAndBound")
+        look = {"color": GREEN, "marker": "o", "markersize": 4, "label": "jhd (branch and bound)"}
+        ax.loglog([x["seconds"] for x in search], half, **look)
     paper = numbers["paper"]
     ax.loglog([paper["seconds"]], [paper["half"]], color=BLACK, marker="*", markersize=9, linestyle="none")
     point = (paper["seconds"], paper["half"])

@@ -114,12 +114,17 @@ def _write_gallery(pictures: Path, results: Path, names: list[str]) -> None:
             # All at one scale, so that letters are of one size.
             width, height = (round(x * common_gallery.SMALL_WIDTH / common_gallery.WIDTH) for x in image.size)
             drawn = image.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
-            # The median cut, which is the default, takes rare colors away, as those of thin lines are.
-            few = drawn.quantize(common_gallery.SMALL_COLORS, Image.Quantize.MAXCOVERAGE)
-            few.save(small, optimize=True)
+            (drawn if file.stem in common_gallery.SHADED else _few_colors(drawn)).save(small, optimize=True)
     for name in set(names) & set(common_gallery.STATED):
         shutil.copyfile(results / f"{name}.json", common_gallery.GALLERY / f"{name}.json")
     _write_page()
+
+
+def _few_colors(drawn: Image.Image) -> Image.Image:
+    """A picture in the colors of a palette."""
+    # The median cut, which is the default, takes rare colors away, as those of thin lines are. Means of the pixels of
+    # each color keep gray gray.
+    return drawn.quantize(common_gallery.SMALL_COLORS, Image.Quantize.MAXCOVERAGE, kmeans=1)
 
 
 def _write_page() -> int:

@@ -3,6 +3,9 @@
 Caption: Example 1 and figure 4 of Cao et al. 2014 with our own data: eleven samples of A and their feet on B, the
 stationary points of one sample, the two samples above both neighbors, and the maxima between these neighbors, one
 antipodal and one one-to-two. The larger one is h(A, B). Both directed distances agree with a reference to 1e-10 mm.
+
+Alt text: Four drawings of a blue open curve inside a dashed orange closed curve: sample points with thin segments to
+their feet, segments from one sample to eight stationary points, two candidate samples, and the two maxima found.
 """
 
 from common import Picture

@@ -6,6 +6,9 @@ Caption: CPU seconds of the check of a certificate in exact integers, and its nu
 shapes for every pair of kinds; the least and the largest are filled. The numbers on the right count refused forgeries,
 two hundred for each certificate: bounds one digit beyond the proven ones, missing cells, wrong foot points, other
 shapes. Decisions that one point answers have no cells.
+
+Alt text: A table of 23 pairs of kinds with two dot plots on logarithmic axes, check times below a second and numbers of
+cells up to a hundred, and a column of refused forgeries, 2000 in every row.
 """
 
 from typing import Any

@@ -22,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FuncFormatter
 
 import jhd
 
@@ -175,8 +176,15 @@ def outward(lower: float, upper: float, digits: int) -> tuple[str, str]:
 
 
 def grouped(number: float, form: str = ",") -> str:
-    """A number with thin spaces between groups of three digits."""
-    return format(number, form).replace(",", "\N{THIN SPACE}")
+    """A number with thin spaces between groups of three digits from 10 000 on; four digits stay together."""
+    text = format(number, form)
+    whole = text.partition(".")[0].lstrip("-")
+    return text.replace(",", "\N{THIN SPACE}" if len(whole) > len("9,999") else "")
+
+
+def grouped_ticks() -> FuncFormatter:
+    """A formatter of tick labels that writes numbers as `grouped` does."""
+    return FuncFormatter(lambda x, _: grouped(x, ",.12g"))
 
 
 def letter(ax: Axes, text: str, title: str = "") -> None:

@@ -41,7 +41,7 @@ def draw_all(axes: np.ndarray) -> None:
         (_regions, "region about an arc"),
         (_outside, "arc leaves region 2"),
         (_angle, r"turn $2\theta$, height $e$"),
-        (_unsafe, "what eq. (5) lets pass"),
+        (_unsafe, "accepted by eq. (5)"),
     )
     for ax, name, (draw, title) in zip(axes.flat, "abcdefgh", panels, strict=True):
         ax.set_axis_off()

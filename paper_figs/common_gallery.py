@@ -1,12 +1,13 @@
 """Captions of the figures, the gallery page that is made of them, and the contact sheet.
 
-A figure's docstring ends in a paragraph `Caption: ...`, which says what the picture shows and the number that matters.
+A figure's docstring ends in a paragraph `Caption: ...`, which says what the picture shows and the number that matters,
+and in `Alt text: ...`, which describes the picture for readers who do not see it; `Alt text of PART: ...` describes
+NAME_PART.png.
 The minutes are those of the experiment's docstring. This module draws nothing and imports nothing of the package.
 """
 
 import ast
 import html
-import re
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -15,6 +16,8 @@ EXPERIMENTS = HERE.parent / "experiments"
 # Pixels of the width of two columns, in a picture and in a small one, and the colors of that: all of them together stay
 # below 3 MB.
 WIDTH, SMALL_WIDTH, SMALL_COLORS = 2067, 800, 256
+# Small pictures that keep all their colors: the few grays of a palette draw rings on smooth shading.
+SHADED = ("lin03_spheres",)
 
 # Experiments whose numbers README.md and experiments/README.md state; these are kept beside the small pictures.
 STATED = ("first_call", "collection_search", "duplicates", "workers")
@@ -136,6 +139,12 @@ def caption(name: str) -> str:
     return _paragraph(HERE / f"{name}.py", "Caption: ")
 
 
+def alt_text(name: str, picture: str) -> str:
+    """Return the description of one picture of a figure, by the name of its file, in one line."""
+    part = Path(picture).stem.removeprefix(name).removeprefix("_")
+    return _paragraph(HERE / f"{name}.py", f"Alt text of {part}: " if part else "Alt text: ")
+
+
 def takes(name: str) -> str:
     """How long the full experiment takes."""
     return _paragraph(EXPERIMENTS / f"{name}.py", "Takes: ")
@@ -157,10 +166,8 @@ def page() -> str:
 
 def _entry(name: str) -> str:
     text = caption(name)
-    files = pictures(GALLERY, name)
-    # The first sentence of a caption describes the picture.
-    described = re.split(r"(?<! al)[.;] ", text)[0]
-    shown = "\n".join(f"![{described}]({file.name})" for file in files) or "Small picture not made."
+    files = [file.name for file in pictures(GALLERY, name)]
+    shown = "\n".join(f"![{alt_text(name, file)}]({file})" for file in files) or "Small picture not made."
     command = f"`.venv/bin/python paper_figs/{name}.py` · {takes(name)}"
     return f"### {name}\n\n{question(name)}\n\n{shown}\n\n{text}\n\n{command}\n"
 
@@ -177,10 +184,14 @@ def contact_sheet(pictures: dict[str, list[str]], told: dict[str, str]) -> str:
 
 
 def _figure(name: str, files: list[str], told: str) -> str:
-    drawn = "".join(f'<a href="{file}"><img src="{file}" alt="{name}" loading="lazy"></a>' for file in files)
+    drawn = "".join(_image(file, alt_text(name, file)) for file in files)
     note = f'<p class="told">{html.escape(told)}</p>' if told else ""
     text = f"<b>{name}</b> {html.escape(caption(name))}"
     return f'<figure id="{name}">{drawn}{note}<figcaption>{text}</figcaption></figure>'
+
+
+def _image(file: str, alt: str) -> str:
+    return f'<a href="{file}"><img src="{file}" alt="{html.escape(alt)}" loading="lazy"></a>'
 
 
 _SHEET = """\

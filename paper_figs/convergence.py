@@ -3,9 +3,15 @@
 Numbers by the experiment of the same name; the second figure is convergence_cells (.png, .pdf).
 
 Caption: Gaps of four upper bounds of the distance over a cell against its width, at an antipodal maximum, at a
-one-to-two maximum and on coincident curves, with fitted slopes (numbers) and those of theory (dashed); second picture:
-against the number of cells of a search. At both maxima the bound of jhd has order 8 and needs 3 cells for 1e-10 of the
-diagonal; the other three bounds need at least 27.
+one-to-two maximum and on coincident curves, with fitted slopes (numbers) and theoretical slopes (dashed); second
+picture: against the number of cells of a search. At both maxima the bound of jhd has order 8 and needs 3 cells for
+1e-10 of the diagonal; the other three bounds need at least 27.
+
+Alt text: Four log-log panels of gaps against cell width. Straight lines with slopes written next to them; the line of
+jhd is the steepest and reaches the level of rounding at the widest cells in every panel.
+
+Alt text of cells: Four log-log panels of gaps against the number of cells bounded. The line of jhd drops below the
+dotted default tolerance first; Lipschitz bounds fall slowest.
 """
 
 from collections.abc import Callable
@@ -20,8 +26,8 @@ from matplotlib.patheffects import withStroke
 _TITLES = {
     "antipodal": "antipodal maximum",
     "one_to_two": "one-to-two maximum",
-    "coincident_line": "a line as two cubics; ours: cubic map",
-    "coincident_circle": "a circle, other weights; ours: Möbius map",
+    "coincident_line": "a line as two cubics; jhd: cubic map",
+    "coincident_circle": "a circle, other weights; jhd: Möbius map",
 }
 _SERIES: dict[str, dict[str, Any]] = {
     "Lipschitz": {"color": GRAY, "marker": "s", "label": "Lipschitz"},

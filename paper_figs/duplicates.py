@@ -3,6 +3,9 @@
 Caption: Pairs of 11 683 letters that remain at each stage of a search for near-duplicates, the distances of the 905
 pairs found, and some of the pairs. About a thousand of 68 million pairs are searched, none stays undecided, in under 30
 CPU seconds once compiled.
+
+Alt text: Two dot plots on logarithmic axes with the numbers of pairs and the CPU times, a step curve of the distances
+found, and six overlaid pairs of nearly identical letters.
 """
 
 from typing import Any
@@ -69,7 +72,7 @@ def _draw_distances(ax: Any, numbers: dict[str, Any]) -> None:
     distance = np.sort(np.array(numbers["grouped"]["distance"], dtype=float))
     count = np.arange(1, len(distance) + 1)
     ax.step([0.0, *distance, numbers["within"]], [0, *count, len(distance)], where="post", color=BLUE)
-    ax.set(xlabel="distance (em)", ylabel="pairs that are as near", xlim=(0, numbers["within"]), ylim=(0, None))
+    ax.set(xlabel="distance (em)", ylabel="pairs within the distance", xlim=(0, numbers["within"]), ylim=(0, None))
     letter(ax, "c", "distances found")
 
 

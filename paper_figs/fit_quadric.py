@@ -4,6 +4,9 @@ Numbers by fit_quadric's experiment.
 
 Caption: A quartic surface with the least-squares ellipsoid and with the ellipsoid of least Hausdorff distance found,
 and the convergence of the fit. The distance falls by 22 % in fewer than 40 evaluations, certified to 1e-9 at both ends.
+
+Alt text: Two renderings of a blue quartic surface interpenetrated by an orange ellipsoid, with the farthest point
+marked, and a step plot of the distance falling from 0.18 to 0.14.
 """
 
 from typing import Any

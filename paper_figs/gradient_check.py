@@ -6,6 +6,9 @@ Caption: An arc moves inside a parabola; its farthest point has one foot, then t
 Derivatives by jhd, by naive automatic differentiation and by differences, and errors for random pairs of curves. First
 and second derivatives of jhd agree with differences to 1e-6. Along the path naive differentiation is wrong wherever two
 feet are active, by up to 1.2 for a derivative of 2.1.
+
+Alt text: Five panels: six arcs that rise inside a parabola, the distance along the path over bands that name the event,
+its derivative by three methods, the errors of two of them, and the errors for random pairs by event.
 """
 
 from typing import Any
@@ -16,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+_NAMES = {"a_end": "end of $A$", "b_end": "end of $B$", "one_to_two": "one-to-two"}
 _EVENTS = {"antipodal": (BLUE, "antipodal"), "one_to_two": (ORANGE, "one-to-two"), "a_end": (PURPLE, "end")}
 _SHOWN = 6
 _HALO = [withStroke(linewidth=2.0, foreground="white")]
@@ -51,11 +55,11 @@ def _figure(path: dict[str, Any], pairs: dict[str, Any]) -> Figure:
         for key, color, marker in (("rule", GREEN, "o"), ("naive", VERMILLION, "x")):
             off = np.maximum(np.abs(np.array(path[key]) - difference), 1e-16)
             error.semilogy(u, off, linestyle="none", marker=marker, color=color, markersize=2.6)
-        letter(error, "d", "off from central differences")
+        letter(error, "d", "errors against central differences")
         error.set_ylabel("|error| of d$h$/d$u$")
         error.text(0.3, 0.62, "equal where one foot is active", transform=error.transAxes, color=BLACK)
         for ax in (value, slope, error):
-            ax.set_xlabel("place on the path $u$")
+            ax.set_xlabel("parameter $u$ of the path")
             ax.set_xlim(0, 1)
     return figure
 
@@ -71,7 +75,7 @@ def _draw_errors(ax: Axes, pairs: dict[str, Any]) -> None:
             ax.semilogy(place, values, marker, color=color, markersize=2.6, markerfacecolor="none", label=named)
             text = power_text(values[-1])
             ax.annotate(text, (k + shift, values[-1]), (0, 4), textcoords="offset points", ha="center", va="bottom")
-    titles = [f"{name.replace('_', ' ')}, {len(found['first'])}" for name, found in pairs.items()]
+    titles = [f"{_NAMES.get(name, name)}, {len(found['first'])}" for name, found in pairs.items()]
     ax.set_xticks(range(len(pairs)), titles)
     ax.tick_params(axis="x", length=0)
     ax.set_xlim(-0.5, len(pairs) - 0.5)
@@ -79,7 +83,7 @@ def _draw_errors(ax: Axes, pairs: dict[str, Any]) -> None:
     ax.set_xlabel("event, and the number of pairs")
     ax.set_ylabel("relative error")
     ax.legend(loc="upper right", ncols=2, borderaxespad=0.1)
-    letter(ax, "e", "derivatives against differences, all kinds of curves; the largest in writing")
+    letter(ax, "e", "errors of derivatives, all kinds of curves, with the largest")
 
 
 def _draw_shapes(ax: Axes, path: dict[str, Any]) -> None:
@@ -105,7 +109,7 @@ def _draw_shapes(ax: Axes, path: dict[str, Any]) -> None:
     ax.set_aspect("equal")
     ax.set_xlabel("$x$")
     ax.set_ylabel("$y$")
-    letter(ax, "a", "the arc at places $u$, in a parabola")
+    letter(ax, "a", "the arc at parameters $u$, in a parabola")
 
 
 def _bands(axes: list[Axes], u: np.ndarray, events: np.ndarray) -> None:

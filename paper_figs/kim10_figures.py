@@ -7,6 +7,15 @@ Caption: A distance map with nearest arcs, the same as cones, and curves trimmed
 8, 10 and 17 of Kim et al. 2010, with our own data). The maximum remains, with less than a tenth of A. Second picture: a
 pair for each of the four events (figure 1 of Cao et al. 2014, figure 18 of Kim et al.); trimmed as published, nothing
 of B remains. Third picture: the steps for an arc (figures 1 to 6, 9 and 11 to 16).
+
+Alt text: Top, a plane in colored sectors around an open oval of arcs, and the distance as a faceted surface over that
+plane. Bottom, two curves in a gray region with a short red part that is kept, each next to a close-up.
+
+Alt text of pairs: A grid of four rows, one for each event, and four columns: both curves with their distance, the map
+of nearest arcs, the distance along A, and the parts of both curves that are kept.
+
+Alt text of parts: Eight small sketches of circular arcs: a biarc, feet on an arc, pixels passed by a curve, nearest
+arcs, the region about an arc, an arc that leaves it, its turning angle, and an arc that leaves a strip unnoticed.
 """
 
 from typing import Any

@@ -1,10 +1,13 @@
-"""Times, boxes and gains of trimming against the number of control points, beside those printed in 2010.
+"""Times, boxes and gains of trimming against the number of control points, with the times printed in 2010.
 
 Numbers by kim10_table's experiment. Each mark is one pair; lines join the geometric means of one size.
 
 Caption: Times, boxes and gains of trimming against the number of control points, with the times printed in 2010 (table
 1 of Kim et al., with our own data); each mark is one pair, its shape the kind of event, and lines join the geometric
 means of one size. Values agree with the certified distance to 1e-9 of the diagonal. Trimming never examines more boxes.
+
+Alt text: Three log-log plots against the number of control points, with marks for single pairs and lines through their
+means: times of five methods with the printed ones, boxes examined, and the gain by trimming.
 """
 
 from typing import Any
@@ -23,7 +26,7 @@ _TIMES: dict[str, dict[str, Any]] = {
     "BiarcTrimming": {"color": BLUE, "label": "trimming"},
     "trimming without biarcs": {"color": PURPLE, "linestyle": _DASHED, "label": "trimming, biarcs given"},
     "TwoStep": {"color": ORANGE, "linestyle": _DOTTED, "label": "two-step"},
-    "BranchAndBound": {"color": GREEN, "linestyle": _DASH_DOTTED, "label": "branch and bound"},
+    "BranchAndBound": {"color": GREEN, "linestyle": _DASH_DOTTED, "label": "jhd (branch and bound)"},
 }
 # The kinds of event, side by side so that none hides another.
 _KINDS = {

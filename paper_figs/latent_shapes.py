@@ -5,6 +5,9 @@ Numbers by latent_shapes' experiment.
 Caption: Unseen shapes as a network draws them from two latent numbers, their distances during training with three
 losses, and the number of control points that each loss moves in a step. The mean distance of unseen shapes is 0.026 for
 the soft loss, 0.045 for the distance itself and 0.038 for Chamfer, all certified upper bounds.
+
+Alt text: Left, eight closed curves overlaid with the dashed curves of the network. Right, falling distances against the
+step for three losses, and bars of the number of control points that each loss moves.
 """
 
 from typing import Any
@@ -61,7 +64,7 @@ def _draw_shapes(figure: Any, numbers: dict[str, Any]) -> None:
         ax.set_aspect("equal")
         ax.set(xlim=(-1.7, 1.7), ylim=(-1.5, 1.5))
         ax.text(0.5, -0.02, f"{distance:.3f}", transform=ax.transAxes, ha="center", va="top")
-    title = "$\\bf{(a)}$ unseen shapes, and how far what is drawn is from them"
+    title = "$\\bf{(a)}$ unseen shapes and their distances"
     figure.suptitle(title, x=0.01, ha="left", fontsize=TEXT)
     handles = [
         Line2D([], [], color=BLUE, linewidth=1.6, label="shape"),

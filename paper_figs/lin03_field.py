@@ -10,6 +10,12 @@ colored by error; times are listed next to those printed in 2003. The error is c
 tolerance, and the extracted surface is within that distance of the mesh, both ways. The second picture shows the input
 meshes and the regions around a triangle that decide which feature is nearest (figures 5, 6 and 8 of Lin and Wang, with
 other meshes).
+
+Alt text: Six panels: two slices of signed distance with adaptive square cells and black outlines, two surfaces (a bumpy
+sphere and a knotted tube) colored by their error, bars of times, and bars of errors.
+
+Alt text of inputs: Gray renderings of a bumpy sphere and a knotted tube, and a triangle in a plane whose seven regions
+are labeled with the signs of the barycentric coordinates.
 """
 
 from typing import Any
@@ -139,8 +145,8 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
     for k, (case, (count, time)) in enumerate(zip(numbers["meshes"], numbers["printed"], strict=True)):
         bars = (
             ("printed", time, GRAY),
-            ("first call", case["first_call"], ORANGE),
-            ("later calls", case["build"], BLUE),
+            ("jhd, first call", case["first_call"], ORANGE),
+            ("jhd, later calls", case["build"], BLUE),
         )
         for j, (label, value, color) in enumerate(bars):
             if value is None:  # a short run has the first call of one mesh alone

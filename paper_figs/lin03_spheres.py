@@ -5,6 +5,9 @@ Numbers by lin03_spheres's experiment.
 Caption: The published voxel method on two spheres of distance 2 (figure 10 of Lin and Wang): the printed and the
 certified points, the answers on 81 grids, and the points found. The answers reach 2.0166; the printed 2.0020 is
 among those of 32 of the grids. The certified bounds enclose 2 and are less than 3e-12 apart.
+
+Alt text: Three panels: two gray spheres joined by a short segment, cumulative curves of the answers on 81 grids, and
+answers along a parabola over the distance of their samples from the line of centers.
 """
 
 from typing import Any
@@ -54,7 +57,7 @@ def _draw_spheres(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Share of the answers below each value."""
+    """Fraction of the answers below each value."""
     every = np.concatenate([answer["distances"] for answer in numbers["answers"]]) - 2
     taken = np.array([answer["first"] for answer in numbers["answers"]]) - 2
     for values, color, dashes, text, place in (
@@ -74,7 +77,7 @@ def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_xlim(0, 0.0175)
     ax.set_ylim(0, 1.0)
     ax.set_xlabel("distance found, less 2")
-    ax.set_ylabel("share of answers below")
+    ax.set_ylabel("fraction of answers below")
     ax.set_xticks([0, 0.005, 0.01, 0.015])
     letter(ax, "b", f"answers on {len(numbers['answers'])} grids")
     # The names of the lines stand between the title and the axes.
@@ -93,7 +96,7 @@ def _draw_places(ax: Axes, numbers: dict[str, Any]) -> None:
     )
     line = numbers["line"]
     ax.plot(line["x"], line["distance"] - 2, "s", color=VERMILLION, markersize=5, label="printed, with $x = 0.0700$")
-    ax.plot(0, 0, "*", color=GREEN, markersize=9, clip_on=False, zorder=9, label="proven, to $3\\times10^{-12}$")
+    ax.plot(0, 0, "*", color=GREEN, markersize=9, clip_on=False, zorder=9, label="jhd, to $3\\times10^{-12}$")
     ax.axhline(numbers["eps"], color=BLACK, linewidth=0.6, linestyle=":")
     ax.annotate(
         r"$\epsilon$", (0, numbers["eps"]), (3, -9), textcoords="offset points", xycoords=("axes fraction", "data")
@@ -103,7 +106,7 @@ def _draw_places(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_xlabel(r"samples' distance from the line of centers")
     ax.set_ylabel("distance found, less 2")
     ax.legend(loc="upper left", bbox_to_anchor=(0.02, 1.04), handletextpad=0.6, labelspacing=0.3)
-    letter(ax, "c", "where the answers come from")
+    letter(ax, "c", "locations of the answers")
 
 
 if __name__ == "__main__":

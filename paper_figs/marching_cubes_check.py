@@ -6,6 +6,9 @@ Caption: A mesh of scikit-image's marching cubes colored by its distance to the 
 against the width of the cells. The distance falls with about the square of the width (power 1.9). The usual
 first-order estimate at the centers of triangles is 14 to 20 % too large on the coarsest mesh and 5 to 9 % too small on
 the finest.
+
+Alt text: Left, a rounded cube mesh in dark blue to yellow with the farthest point marked. Right, a log-log plot in
+which proven distances of both directions fall with the cell width, and samples level off.
 """
 
 from typing import Any
@@ -36,7 +39,7 @@ def _distances(ax: Any, meshes: list[dict[str, Any]]) -> None:
     width = np.array([mesh["width"] for mesh in meshes])
     both_ways(ax, width, meshes)
     middles = [mesh["middles"] for mesh in meshes]
-    ax.plot(width, middles, color=ORANGE, marker="^", markersize=4, linestyle="none", label="at middles, first order")
+    ax.plot(width, middles, color=ORANGE, marker="^", markersize=4, linestyle="none", label="first order, at centers")
     guide = 0.6 * meshes[0]["upper"] * (width / width[0]) ** 2
     ax.plot(width, guide, color=BLACK, linewidth=0.6, label="square of the width")
     ticks = width[:: 2 if len(width) > 3 else 1]

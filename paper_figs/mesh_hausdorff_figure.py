@@ -5,6 +5,9 @@ Numbers by mesh_hausdorff_figure's experiment.
 Caption: Two meshes of one surface colored by their distance to each other, a section through the farthest point, and
 the convergence of the bounds. Both directed distances are certified to 1e-9 of their values in fewer than
 20 rounds.
+
+Alt text: Two renderings of a faceted bumpy ball colored from dark blue to yellow by distance, with the farthest point
+marked; a section with both meshes; and two lines that show the gap of the bounds falling by the round.
 """
 
 from typing import Any

@@ -5,15 +5,17 @@ Numbers by mesh_peers's experiment.
 Caption: Nearest points a second of jhd, libigl, point-cloud-utils, Open3D and trimesh, as far as installed, and
 Hausdorff distances of meshes: time against error. The certified distance takes a fraction of the time of a million
 samples, whose errors are 1 % and more.
+
+Alt text: Left, horizontal bars of nearest points a second for four libraries and two kinds of points, with jhd at the
+top. Right, a log-log plot of error against time, where jhd is a single star far below all other marks.
 """
 
 from typing import Any
 
 import numpy as np
-from common import BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, grouped, grouped_ticks, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
 
 _OURS = "jhd, proven"
 # Color, marker, and whether the distances are too large or too small.
@@ -54,14 +56,14 @@ def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None
     ax.set_xscale("log")
     rates = [rate / 1000 for peer in queries for rate in peer["rates"]]
     ax.set_xlim(min(rates) / 3, max(rates) * 20)
-    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_major_formatter(grouped_ticks())
     # Room for the legend below the bars.
     ax.set_ylim(-1.35, len(queries) - 0.5)
     ax.set_yticks(places, [peer["name"] for peer in queries])
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel("thousands of nearest points a second")
     ax.legend(loc="lower left", ncols=2, handlelength=1.4, columnspacing=1.2)
-    letter(ax, "a", f"queries on {triangles} triangles, one core")
+    letter(ax, "a", f"queries on {grouped(triangles)} triangles, one core")
 
 
 def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:

@@ -5,6 +5,9 @@ Numbers by outline_fit's experiment.
 Caption: A letter before and after fitting by few cubics, the numbers stored for six letters and the tolerance used by
 three methods, and the progress of two fits with 60 parameters. Every fit keeps its tolerance, certified. The minimax
 fits need 56 and 62 segments for tolerances of 0.004 and 0.002 em, the longest least-squares pieces 66 and 77.
+
+Alt text: Six panels: the letter S with 30 and with 10 segments and their handles, bars of the numbers stored, marks of
+the tolerance used, and two plots of falling distance against time for compiled and uncompiled runs.
 """
 
 from typing import Any
@@ -16,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 _METHODS = {
-    "fit_outline": ("jhd, minimax", GREEN, "", "o"),
+    "fit_outline": ("jhd (minimax)", GREEN, "", "o"),
     "longest": ("least squares, longest pieces", ORANGE, "////", "s"),
     "split": ("least squares, split", PURPLE, "....", "^"),
 }
@@ -76,7 +79,7 @@ def _draw_outline(ax: Axes, control_points: Any, limits: Any, text: str, name: s
 
 
 def _draw_bars(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
-    """Numbers stored at each tolerance, all letters together, as a share of those of the stored outlines."""
+    """Numbers stored at each tolerance, all letters together, as a fraction of the numbers of the stored outlines."""
     tolerances = sorted({fit["tolerance"] for glyph in glyphs for fit in glyph["fits"]}, reverse=True)
     stored = sum(glyph["stored"][1] for glyph in glyphs)
     for k, (method, (label, color, hatch, _)) in enumerate(_METHODS.items()):

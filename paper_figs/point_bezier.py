@@ -5,6 +5,12 @@ Writes a strip of six frames (.png, .pdf), the animation (.gif), and the methods
 Caption: A point slides past a cubic, and its foot point jumps twice; the second picture counts wrong foot points of
 five methods on 10 000 random cubics. The certified methods are never wrong. Interval halving and Newton's method are
 wrong on several of a hundred queries.
+
+Alt text: Six frames of a point that moves to the right past an N-shaped cubic, with a segment to its nearest point.
+Below each frame, the distance over the parameter with its least value marked.
+
+Alt text of methods: Three panels: distance to the foot of a sliding point with crosses at wrong answers, bars with the
+percentage of wrong feet for five methods, and error against time for the k-d tree and jhd.
 """
 
 from typing import Any
@@ -136,7 +142,7 @@ def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:
         wrong = found > distance * (1 + numbers["wrong"])
         ax.plot(x[wrong], found[wrong], **misses)
     ax.plot([], [], label="local, wrong", **misses)
-    ax.set(xlabel="place $x$ of the point (input units)", ylabel="distance to the foot (input units)")
+    ax.set(xlabel="coordinate $x$ of the point", ylabel="distance to the foot (input units)")
     ax.set_ylim(0, 1.35 * ax.get_ylim()[1])
     ax.legend(loc="upper right", handlelength=1.4, borderaxespad=0.1)
     letter(ax, "a", "sliding point")
@@ -176,7 +182,7 @@ def _draw_times(ax: Axes, speed: dict[str, Any]) -> None:
         text = f"$10^{{{round(np.log10(e['samples']))}}}$"
         ax.annotate(text, (e["seconds"], e["error"]), (5, 2), textcoords="offset points")
     ax.loglog([ours["seconds"]], [ours["error"]], **{**_FOOT, "marker": "o", "markersize": 6})
-    ax.annotate("jhd.project", (ours["seconds"], ours["error"]), (7, 0), textcoords="offset points", va="center")
+    ax.annotate("jhd", (ours["seconds"], ours["error"]), (7, 0), textcoords="offset points", va="center")
     ax.annotate("k-d tree, samples:", (trees[0]["seconds"], trees[0]["error"]), (-4, 14), textcoords="offset points")
     seconds = [e["seconds"] for e in speed["entries"]]
     ax.set_xlim(min(seconds) / 2, max(seconds) * 4)

@@ -2,9 +2,12 @@
 
 Numbers by registration's experiment.
 
-Caption: The letter S of one font registered to that of another by the Hausdorff distance and by ICP, and the distances
+Caption: The letter S of one font registered to the S of another by the Hausdorff distance and by ICP, and the distances
 reached from eight starting angles. The best rigid motion is 8 % nearer than the best result of ICP, the best similarity
 26 %. An exact copy is recovered to 1e-13 from 3 angles, by ICP from 4; other angles end more than 0.05 x-heights away.
+
+Alt text: Top, four overlays of a gray and a dashed blue letter S: before, by ICP, and by jhd with rigid motions and
+similarities. Bottom, three plots of the final distance against the starting angle.
 """
 
 from typing import Any

@@ -3,9 +3,13 @@
 The stars are the gaps that jhd has proven at a tolerance of 1e-10 of the diagonal.
 
 Caption: Error against time for four pairs of curves: samples in SciPy's k-d tree, polylines in shapely, and jhd (stars:
-certified gaps). One direction of two closed splines of 90 control points is certified to 1e-10 of the diagonal in less
-than a millisecond; the tree with 400 samples a segment takes more than 250 times as long, with an error of 1e-9 in one
-direction and 1e-6 in the other.
+certified gaps), all in both directions. The search of jhd is inside the compiled function (`jhd.searches_in_program`).
+For two closed splines of 90 control points, both directions are certified in 1.3 ms (star in (a)). One direction alone
+(not drawn) takes less than a millisecond; the tree with 400 samples a segment takes more than 250 times as long, with
+an error of 1e-9 in one direction and 1e-6 in the other.
+
+Alt text: Four log-log panels of error against time. Lines for the k-d tree and polylines fall slowly from upper left to
+lower right and stay above 1e-10; one red star in each panel, for jhd, lies below them.
 """
 
 from typing import Any

@@ -5,6 +5,9 @@ Numbers by scaling_of_fits' experiment.
 Caption: Time of a fit by cubics against the number of vertices of its target, up to 100 000, and against its number of
 free points. The time of a step grows more slowly than the number of vertices. Beyond 120 free points it grows faster
 than their number.
+
+Alt text: Two log-log plots of CPU time, against the vertices of the target and against the free points of the fit, with
+lines for the start, a step, the proof and all maxima, and a straight line for proportional growth.
 """
 
 from typing import Any

@@ -1,10 +1,13 @@
-"""A scan with outliers and the outline where each measure puts it, and the errors against the share of outliers.
+"""A scan with outliers, the outline registered by each statistic, and the errors against the fraction of outliers.
 
 Numbers by scan_with_outliers' experiment.
 
 Caption: A scan of 400 points with a tenth of outliers, the known outline registered to it by each statistic, and the
 largest error against the fraction of outliers. From 5 % of outliers on, the maximum and the root mean square are off by
 19 to 64 times the noise. Up to 20 %, the mean stays within 1.5 times the noise and the quantile within the noise.
+
+Alt text: Left, a rounded triangular outline with scanned points, a cloud of outliers at the lower right, and two
+outlines pulled towards it. Right, errors of four statistics against the fraction of outliers.
 """
 
 from typing import Any
@@ -25,7 +28,7 @@ _MEASURES = {
     "quantile": (BLUE, "o", "-"),
 }
 _MARKS: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredgewidth": 0.5}
-# The scan that is shown has this share of outliers, or the nearest one to it.
+# The scan that is shown has this fraction of outliers, or the nearest one to it.
 _SHOWN = 0.1
 _SAMPLES = 481
 _TICKS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
@@ -46,7 +49,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         _draw_places(places, shown)
         letter(places, "a", f"{len(shown['scan'])} points, {shown['share']:.0%} of them outliers")
         _draw_errors(errors, numbers)
-        letter(errors, "b", "where the scan is placed: errors, proven")
+        letter(errors, "b", "errors of the registration, proven")
         handles = [Line2D([], [], color=GRAY, marker=".", markersize=3, linestyle="none", label="scan")]
         for name, (color, marker, line) in _MEASURES.items():
             look: dict[str, Any] = {"color": color, "marker": marker, "linestyle": line, "linewidth": 1.4}
@@ -76,7 +79,7 @@ def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.axhline(numbers["noise"], color=GRAY, linewidth=0.8, linestyle=":")
     note: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "bottom", "color": GRAY}
     ax.annotate("noise", (1.0, numbers["noise"]), (0, 1.5), xycoords=ax.get_yaxis_transform(), **note)
-    ax.set_xlabel("share of outliers (%)")
+    ax.set_xlabel("fraction of outliers (%)")
     ax.set_ylabel("largest error (input units)")
     ax.set_yticks(_TICKS)
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))

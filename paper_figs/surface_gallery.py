@@ -5,6 +5,9 @@ Numbers by surface_gallery's experiment.
 Caption: Six pairs of algebraic surfaces, each with its farthest point, the foot points and the certified bounds. All
 pairs except the torus close to 1e-6 within a second. The torus has a circle of foot points; its search stops early,
 which the result reports, with bounds less than 2e-6 apart.
+
+Alt text: Six boxes with two transparent surfaces each, blue and orange: cones, sphere and ellipsoid, torus and
+ellipsoid, tanglecube and sphere, two cubics, Barth sextic and sphere. Segments join farthest points to their feet.
 """
 
 from typing import Any

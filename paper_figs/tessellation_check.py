@@ -3,14 +3,17 @@
 Numbers by tessellation_check's experiment.
 
 Caption: A triangulation of 100 NURBS patches colored by its distance to the surface, and the distance against the
-number of triangles. The distance from the mesh is 73 to 97 % of the error that the mesher states. Samples
-overestimate that of the finest mesh by a factor of more than 39, and the distance to the mesh by more than 100.
+number of triangles. The distance from the mesh is 73 to 97 % of the error that the mesher states. Samples overestimate
+the distance from the finest mesh by a factor of more than 39, and the distance to it by more than 100.
+
+Alt text: Left, a wavy sheet of triangles, mostly dark blue with yellow spots near the left corner. Right, a log-log
+plot in which proven distances follow the stated error down, while samples level off above it.
 """
 
 from typing import Any
 
 import numpy as np
-from common import BLACK, MM, Picture, letter, style
+from common import BLACK, MM, Picture, grouped, letter, style
 from common_checks import both_ways, colored_shape
 from matplotlib.figure import Figure
 
@@ -36,8 +39,8 @@ def _distances(ax: Any, meshes: list[dict[str, Any]]) -> None:
     count = np.array([mesh["count"] for mesh in meshes])
     both_ways(ax, count, meshes)
     promised = [mesh["promised"] for mesh in meshes]
-    ax.plot(count, promised, color=BLACK, marker="_", linestyle="-", linewidth=0.6, label="promised by the mesher")
-    ax.set_xticks(count, [str(x) for x in count])
+    ax.plot(count, promised, color=BLACK, marker="_", linestyle="-", linewidth=0.6, label="stated by the mesher")
+    ax.set_xticks(count, [grouped(x) for x in count])
     ax.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
     ax.set_xlabel("triangles")
     # Room for the key.

@@ -1,27 +1,32 @@
 """Pairs a second against the size of a batch; numbers by the experiment of the same name.
 
-Horizontal lines are what goes pair by pair.
+Horizontal lines are single calls, pair by pair.
 
 Caption: Pairs a second in batches of 1 to 1024 under vmap, on two CPU cores; horizontal lines show one call per pair.
 Batches use both cores: from 256 pairs on they are at least three times as fast as compiled calls one by one for single
-cubics, and twice for curves of 30 segments. With the search in the program a batch uses one core.
+cubics, and twice for curves of 30 segments. With the search inside the compiled function (`jhd.searches_in_program`) a
+batch uses one core.
+
+Alt text: Two log-log panels, for cubics and for splines of 30 segments. Two rising lines show pairs a second against
+the batch size; three horizontal lines show compiled calls, plain calls and the k-d tree.
 """
 
 from typing import Any
 
-from common import BLACK, BLUE, GREEN, MM, ORANGE, VERMILLION, Picture, letter, power_text, style
+from common import BLACK, BLUE, GREEN, MM, ORANGE, VERMILLION, Picture, grouped_ticks, letter, power_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, StrMethodFormatter
+from matplotlib.ticker import LogLocator
 
 _MARK: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredgewidth": 0.4}
 _BATCHES: dict[str, dict[str, Any]] = {
-    "batch": {"color": VERMILLION, "marker": "o", "zorder": 3},
+    "batch": {"color": VERMILLION, "marker": "o", "zorder": 3, "label": "jhd, batch"},
     "batch in the program": {
         "color": VERMILLION,
         "marker": "s",
         "markerfacecolor": "white",
         "linestyle": (0, (3, 1.5)),
+        "label": "jhd, batch, search in the function",
     },
 }
 _LOOPS: dict[str, dict[str, Any]] = {
@@ -54,17 +59,17 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         # Room for the text.
         axes[0].set_ylim(low / 3.5, 1.4 * high)
         axes[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes[0].yaxis.set_major_formatter(grouped_ticks())
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, handlelength=2.4, columnspacing=1.4)
     return figure
 
 
 def _draw(ax: Axes, found: dict[str, Any]) -> None:
-    """The batches, and levels of what goes one by one."""
+    """The batches, and levels of single calls."""
     size = [entry["size"] for entry in found["batches"]["batch"]]
     for way, rows in found["batches"].items():
-        ax.loglog(size, [1 / entry["seconds"] for entry in rows], label=f"jhd, {way}", **_BATCHES[way], **_MARK)
+        ax.loglog(size, [1 / entry["seconds"] for entry in rows], **_BATCHES[way], **_MARK)
     levels = {name: 1 / found["loops"][name]["seconds"] for name in _LOOPS}
     for name, line in _LOOPS.items():
         ax.axhline(levels[name], linewidth=1.2, **{key: line[key] for key in ("color", "linestyle", "label")})

@@ -1,16 +1,18 @@
-"""What calls on pairs of shards take, and what follows for a million shapes; numbers by to_a_million.
+"""Time of calls on pairs of shards, and the extrapolation to a million shapes; numbers by to_a_million.
 
 Caption: Time of calls on pairs of shards of 500 to 4000 letters, and the extrapolation to a million shapes on a
 thousand cores. All pairs would take days, the nearest of each shape about an hour, all near-duplicates minutes, if
 cores are busy 80 % of the time and the shapes are like these letters.
+
+Alt text: Left, a log-log plot with three rising lines of CPU time against the size of the shards. Right, three dots on
+a logarithmic axis of hours, from minutes for near-duplicates to days for all pairs.
 """
 
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GRAY, MM, VERMILLION, Picture, grouped, letter, style
+from common import BLACK, BLUE, GRAY, MM, VERMILLION, Picture, grouped, grouped_ticks, letter, style
 from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
 
 _CALLS: dict[str, dict[str, Any]] = {
     "nearest": {"color": BLUE, "marker": "o", "label": "nearest of each"},
@@ -47,7 +49,7 @@ def _draw_calls(ax: Any, numbers: dict[str, Any]) -> None:
     every = numbers["cpu_a_pair"] * size**2
     ax.loglog(size, every, color=GRAY, linestyle=(0, (1, 1)), linewidth=1.4, label="all pairs (estimated)")
     ax.set_xticks(size, [f"{x}" for x in size])
-    ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.yaxis.set_major_formatter(grouped_ticks())
     ax.minorticks_off()
     ax.set(xlabel="letters in each of two shards", ylabel="CPU time of a call (s)")
     # Room for the key above the lines.

@@ -5,6 +5,9 @@ The horizontal line is a plain loop of calls.
 Caption: Pairs a second and CPU time a pair against the number of workers: threads, processes, Dask and simulated
 devices; the horizontal line is a plain loop of calls. Results are bitwise identical for all kinds and numbers of
 workers, at less than a quarter of the CPU time of the loop.
+
+Alt text: Two line plots against one to eight workers. Pairs a second rise from one to two workers and then level off;
+the CPU time of a pair stays near 0.7 ms, far below the line of the plain loop.
 """
 
 from typing import Any
@@ -52,7 +55,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         rate.set_ylabel("pairs a second")
         cpu.set_ylabel("CPU time a pair (ms)")
         letter(rate, "a", f"{numbers['pairs']} pairs, {numbers['processors']} processors")
-        letter(cpu, "b", "what a pair costs")
+        letter(cpu, "b", "CPU time of a pair")
         handles, labels = rate.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=6, handlelength=2.4, columnspacing=1.2)
     return figure

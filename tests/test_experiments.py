@@ -5,6 +5,7 @@ And the scripts of the tour, which check themselves what they say.
 
 import argparse
 import ast
+import html
 import json
 import re
 import runpy
@@ -98,6 +99,32 @@ def test_an_experiment_states_question_claim_what_it_feeds_and_the_minutes(scrip
 @pytest.mark.parametrize("script", FIGURES, ids=names(FIGURES))
 def test_a_figure_has_a_caption_with_a_sentence_on_what_it_shows_and_one_on_what_matters(script):
     assert len(re.findall(r"[a-z0-9%)][.;:] ", GALLERY["caption"](script.stem) + " ")) >= 2
+
+
+def described(script):
+    """Alt texts of all pictures of a figure, those that it saves and those in the gallery."""
+    name = script.stem
+    parts = re.findall(r'picture\.save\(.*, "(_\w+)"\)', script.read_text(encoding="utf-8"))
+    drawn = {f"{name}.png", *(f"{name}{part}.png" for part in parts)}
+    shown = {file.name for file in GALLERY["pictures"](GALLERY["GALLERY"], name)}
+    return [GALLERY["alt_text"](name, file) for file in sorted(drawn | shown)]
+
+
+@pytest.mark.parametrize("script", FIGURES, ids=names(FIGURES))
+def test_every_picture_has_an_alt_text_of_its_own_that_is_no_part_of_the_caption(script):
+    texts, caption = described(script), GALLERY["caption"](script.stem)
+    assert len(set(texts)) == len(texts)
+    for text in texts:
+        sentences = re.split(r"(?<=\.) ", text)
+        assert len(text.split()) >= 12 and len(text) <= 300 and len(sentences) <= 3 and text.endswith(".")
+        assert not any(sentence.rstrip(".") in caption for sentence in sentences)
+        assert not set(text) & set("[]`*_\n"), "it stands between brackets in Markdown"
+
+
+def test_the_contact_sheet_describes_its_pictures():
+    sheet = GALLERY["contact_sheet"]({"point_bezier": ["point_bezier.png", "point_bezier_methods.png"]}, {})
+    shown = [html.unescape(text) for text in re.findall('alt="([^"]*)"', sheet)]
+    assert shown == described(ROOT / "paper_figs" / "point_bezier.py")
 
 
 def test_the_gallery_page_holds_every_figure_as_captions_and_pictures_are_now():
