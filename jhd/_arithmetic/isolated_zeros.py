@@ -33,6 +33,8 @@ _SMALL, _DEFINITE = 1e-9, 1e-5
 _SAME, _SIMPLE = 1e-6, 1 << 20
 # The first half side of a cube as a fraction of the box, and how often it is halved.
 _FIRST, _HALVINGS = 0.5, 24
+# Largest radius, as a fraction of the box, that counts as isolated: signs resolve larger parts of a surface.
+_SMALLEST_CAP = 1e-6
 # Bounds of sqrt(k), k = 0, 1, 2, 3: the distance from the middle of a cube to a corner, in half sides.
 _LONG = Fraction(0), Fraction(1), Fraction(3, 2), Fraction(7, 4)
 # Factor that covers the rounding of sums of floats.
@@ -141,6 +143,9 @@ def _about(
     ends = [(Fraction(float(lower[k])), Fraction(float(upper[k]))) for k in range(3)]
     if any(not ends[k][0] <= place[k] <= ends[k][1] for k in free):
         return None
+    # A rounded guess may lie next to the face: then the box does not begin at the point.
+    if any(place[k] != ends[k][0 if inward[k] > 0 else 1] for k in range(3) if inward[k]):
+        return None
     here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
     rising = [_slope(here, k) * inward[k] for k in range(3) if inward[k]]
     trace = sum(row[i] for i, row in enumerate(_hessian(here, free)))
@@ -164,7 +169,7 @@ def _about(
     # A point on a face counts as inside: the box extends away from that face.
     inside = all(place[k] in ends[k] or min(place[k] - ends[k][0], ends[k][1] - place[k]) > 2 * radius for k in free)
     thick = all(upper[k] - lower[k] > 2 * radius for k in range(3))
-    if radius >= 0.25 * float(half) or not (inside and thick):
+    if radius >= min(0.25 * float(half), _SMALLEST_CAP * size) or not (inside and thick):
         return None
     return IsolatedZero(place, float(half), radius, value < 0 or (value == 0 and not any(slopes)))
 

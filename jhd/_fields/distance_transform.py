@@ -148,6 +148,8 @@ def _checked_spacing(spacing: Numbers, axes: int) -> tuple[Array, int, bool]:
             i = int(np.argmin(known > 0))
             raise ValueError(f"spacing{'' if equal else f'[{i}]'} is {known[i]:g}; needs a positive number.")
         equal = bool(np.all(known == known[0]))
+        if np.min(known) < np.max(known) * float(smallest_normal(known.dtype)) ** 0.5:
+            raise ValueError(f"spacing has sides from {np.min(known):g} to {np.max(known):g}: their squares vanish.")
         if np.min(known) < smallest_normal(known.dtype):
             # Compiled functions flush these to zero.
             power = int(common_exponent(known))
@@ -165,7 +167,9 @@ def _nearest(grid: Any, sides: Array, equal: bool, method: str) -> Array:
     """Indices of the nearest features, (..., axes); -1 if the grid has no feature."""
     axes, shape = grid.ndim, (1,) * (3 - grid.ndim) + grid.shape
     volume = grid.reshape(shape)
-    sides = lax.stop_gradient(jnp.concatenate([jnp.ones(3 - axes, sides.dtype), sides]))
+    # Only ratios of sides count; squares of sides near the ends of the range would overflow or vanish.
+    sides = lax.stop_gradient(sides / power_of_two(jnp.max(sides)))
+    sides = jnp.concatenate([jnp.ones(3 - axes, sides.dtype), sides])
     bits = _bits(shape)
     if method == "vector_propagation":
         index = _propagated(volume, sides)

@@ -349,7 +349,7 @@ def in_blocks(program: Any, *arrays: np.ndarray) -> Any:
 def in_blocks_of(sizes: tuple[int, ...], program: Any, arrays: tuple[np.ndarray, ...]) -> Any:
     """`in_blocks` with blocks of these sizes; the first argument of the function is the number of rows not padded."""
     parts, count = [], len(arrays[0])
-    for start in range(0, count, sizes[-1]):
+    for start in range(0, max(count, 1), sizes[-1]):
         part = [x[start : start + sizes[-1]] for x in arrays]
         size = len(part[0])
         length = next(b for b in sizes if b >= size)
@@ -362,8 +362,8 @@ def in_blocks_of(sizes: tuple[int, ...], program: Any, arrays: tuple[np.ndarray,
 
 def _repeated(rows: np.ndarray, length: int) -> np.ndarray:
     """The rows padded to a length by repeating the last one; faster than concatenation."""
-    out = np.empty((length, *rows.shape[1:]), rows.dtype)
-    out[: len(rows)], out[len(rows) :] = rows, rows[-1]
+    out = np.zeros((length, *rows.shape[1:]), rows.dtype)
+    out[: len(rows)], out[len(rows) :] = rows, rows[-1:]
     return out
 
 

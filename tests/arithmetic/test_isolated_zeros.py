@@ -63,6 +63,17 @@ def test_spheres_that_touch_a_face_an_edge_or_a_corner_of_their_box_from_outside
     assert zero.place == [-1, -1, -1] and zero.there and zero.radius == 0
 
 
+@pytest.mark.parametrize("power", [26, 33, 40, 48])
+def test_a_cap_that_a_face_cuts_off_next_to_a_simple_point_is_not_taken_for_it(power):
+    # The point (1, 0, 0) is on the sphere and not on the face: all of the cap counts, and its rim is the farthest.
+    cut, rim = 1 - 2.0**-power, np.sqrt(2.0 ** (1 - power))
+    for zero in found_in("x**2 + y**2 + z**2 - 1", [cut, -1, -1], [3, 1, 1]):
+        assert abs(float(zero.place[0]) - cut) < 1e-15 and zero.radius >= rim * (1 - 1e-3)
+    # Beyond the sphere there is nothing.
+    for zero in found_in("x**2 + y**2 + z**2 - 1", [1 + 2.0**-power, -1, -1], [3, 1, 1]):
+        assert zero.radius < 0 and not zero.there
+
+
 @pytest.mark.parametrize("place", [(1, 0, 0), (1, -1, 0), (1, -1, 1), (-1, 0.25, 0)])
 @pytest.mark.parametrize(
     "rest", ["", "+ (x - {0}) * (y - {1})", "+ (z - {2}) * (x**2 + 1) * (z - {2}) - (y - {1})**3 / 8"]

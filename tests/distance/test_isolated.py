@@ -43,6 +43,15 @@ def test_a_sphere_that_touches_its_box_from_outside_is_a_point():
 
 
 @pytest.mark.slow
+def test_a_small_cap_of_a_sphere_is_as_far_as_its_rim():
+    cap = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1000000", [1000 - 1e-5, -2000, -2000], [3000, 2000, 2000])
+    rim, top = np.sqrt(1e6 - (1000 - 1e-5) ** 2), jhd.point_set([[1000.0, 0, 0]])
+    found = jhd.directed_hausdorff(cap, top, atol=1e-6)
+    assert found.lower <= np.hypot(rim, 1e-5) <= found.upper
+    assert not jhd.hausdorff_at_most(cap, top, 1e-3, directed=True)
+
+
+@pytest.mark.slow
 def test_a_point_that_no_simple_fraction_names_stays_in_doubt():
     # A fraction that is not simple: the exact polynomial is zero there, but no evaluation in floats shows it.
     text = "((9973 * x - 4000)**2 + 99460729 * (y**2 + z**2)) * (x**2 + y**2 + z**2 - 1)"

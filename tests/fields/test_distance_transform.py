@@ -76,6 +76,20 @@ def test_one_feature_far_away_is_found_by_every_voxel():
         check_against_scipy(volume, np.ones(3))
 
 
+def test_sides_whose_squares_are_no_floats_order_features_as_their_ratios_do():
+    features = np.zeros((5, 2), bool)
+    features[[0, 4], [0, 1]] = True
+    expected = reference(features, [1.0, 3.0])
+    for size in (2.0**-530, 2.0**-1000, 2.0**600, 2.0**1000):
+        for transform in (jhd.distance_transform, jax.jit(jhd.distance_transform)):
+            found = transform(features, np.array([1.0, 3.0]) * size).distance
+            np.testing.assert_array_equal(np.asarray(found) / size, expected)
+        signed = jhd.signed_distance_transform(features, np.array([1.0, 3.0]) * size)
+        assert float(signed[0, 0]) / size == -1
+    with pytest.raises(ValueError, match="their squares vanish"):
+        jhd.distance_transform(features, [1.0, 1e-160])
+
+
 @pytest.mark.parametrize("method", ["exact", "vector_propagation"])
 @pytest.mark.parametrize("spacing", [1.0, [0.5, 2.0, 1.0]])
 def test_without_features_distances_are_infinite(method, spacing):
