@@ -15,7 +15,7 @@ Claims: the printed interval is reproduced to its last digit, a million times as
 BranchAndBound proves eleven in about a second.
 
 Feeds: figure "AlgSurf, the two cones" and its tables.
-Takes: 8 minutes, most of it compilation.
+Takes: 8 minutes, mostly compilation.
 """
 
 import math

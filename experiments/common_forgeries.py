@@ -1,4 +1,4 @@
-"""Certificates that must be refused: each differs from a true one so that its claim, or a part of it, is false.
+"""Certificates that must be refused: each differs from a true one so that its claim is false, wholly or in part.
 
 Three groups. `claims`: bounds that contradict a distance known otherwise, from the last digit upward, and bounds of the
 other direction or of other pairs. `proofs`: missing or repeated cells of the cover, and false statements about cells,

@@ -1,4 +1,4 @@
-"""Triangle meshes that experiments share: smooth ones, parts as from CAD, and meshes of files."""
+"""Triangle meshes for several experiments: smooth ones, parts as from CAD, and meshes of files."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Parametric surfaces that experiments share, and distances estimated by samples and a k-d tree."""
+"""Parametric surfaces for several experiments, and distances estimated by samples and a k-d tree."""
 
 import time
 from collections.abc import Callable

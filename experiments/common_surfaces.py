@@ -1,4 +1,4 @@
-"""Well-known implicit surfaces, and functions that experiments on them share."""
+"""Well-known implicit surfaces, and functions for experiments on them."""
 
 from typing import Any
 

@@ -8,7 +8,7 @@ parameters: at the optimum several points are equally far, and the gradient of o
 Claims: the distance falls by 22 % from least squares to the end, both proven, in fewer than 40 evaluations; at the end
 a convex combination of the gradients nearby vanishes to 1e-8.
 Feeds: figure "an ellipsoid for a quartic" and its table.
-Takes: 2 minutes, half of it compilation.
+Takes: 2 minutes, half for compilation.
 """
 
 import time

@@ -238,7 +238,7 @@ def _specimen(name: str, points: np.ndarray) -> dict[str, Any]:
 
 
 def _drawings(points: np.ndarray) -> dict[str, np.ndarray]:
-    """Draw lines one pixel wide along a curve and along a thousand chords of it; pixels 0 black, 255 white."""
+    """Draw lines one pixel wide along a curve and along a thousand of its chords; pixels 0 black, 255 white."""
     chords = Path(sample(points[None], 1000) + _ORIGIN)
     return {name: _pixels(path) for name, path in (("curve", _path(points + _ORIGIN)), ("chords", chords))}
 

@@ -10,7 +10,7 @@ Claims: first and second derivatives agree with differences to 1e-6 for all even
 whenever two feet are active, on this path by up to 1.2 when the derivative is 2.1.
 
 Feeds: figure "gradient check" and the table of errors.
-Takes: 3 minutes, two of it once compiled.
+Takes: 3 minutes, two once compiled.
 """
 
 from typing import Any

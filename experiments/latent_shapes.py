@@ -13,7 +13,7 @@ the mean distance of unseen shapes is 0.026 by the soft loss, 0.045 by the dista
 largest 0.071, 0.116 and 0.109.
 
 Feeds: figure "shapes from latent numbers", a small picture of the README, and the table of losses.
-Takes: 2 minutes, half of it compilation.
+Takes: 2 minutes, half for compilation.
 """
 
 from collections.abc import Callable

@@ -12,7 +12,7 @@ coarsest mesh and 5 to 9 % too small for the finest, so it is no bound. Samples 
 the finest mesh: this distance is smaller than the sample spacing.
 
 Feeds: figure and table "marching cubes".
-Takes: 1 minute, a third of it compilation (35 CPU seconds).
+Takes: 1 minute, a third for compilation (35 CPU seconds).
 """
 
 from typing import Any

@@ -11,7 +11,7 @@ about as long as the k-d tree of 1e4 samples; if the point is on the curve, the 
 more.
 
 Feeds: animation, strip, figure and tables "point to curve".
-Takes: 1 minute, half of it once compiled.
+Takes: 1 minute, half a minute once compiled.
 """
 
 from collections.abc import Callable

@@ -19,7 +19,7 @@ the tolerance for the first three pairs, by a hundred times for the wider torus,
 the stretched one. For the mesh, whose tolerance is wide, they are off by less than the tolerance.
 
 Feeds: figure and table "distances of surfaces".
-Takes: 1 minute, half of it compilation (40 CPU seconds).
+Takes: 1 minute, half for compilation (40 CPU seconds).
 """
 
 from typing import Any, NamedTuple

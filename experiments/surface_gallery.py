@@ -9,7 +9,7 @@ feet, around which cells must be cut finer and finer. Its bounds end about as fa
 result `capacity_reached`. The interval of cells holds the distance too, and is at least ten thousand times as wide.
 
 Feeds: figure "surface gallery" and its table.
-Takes: 3 minutes, most of it compilation.
+Takes: 3 minutes, mostly compilation.
 """
 
 import time

@@ -1,6 +1,6 @@
 """The critical pairs of a fit from a poor start to equal maxima, the distances along both curves, and the convergence.
 
-A pair that is a maximum along both curves is marked once, at its place on the target. Numbers by active_set's
+If a pair is a maximum along both curves, it is marked once, at its parameter on the target. Numbers by active_set's
 experiment.
 
 Caption: Critical pairs of a fit from a poor start to equal maxima, the distances along both curves, and the
@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-# Steps that are shown, as shares of the run: most of what happens to the pairs happens late.
+# Steps that are shown, as fractions of the run: the pairs change mostly near its end.
 _SHOWN = (0.0, 0.2, 0.4, 0.6, 0.7, 1.0)
 _DASHED = (0, (4, 1.2))
 _EDGE: dict[str, Any] = {"markeredgecolor": BLACK, "markeredgewidth": 0.5, "linestyle": "none", "clip_on": False}
@@ -28,7 +28,7 @@ _OTHER: dict[str, Any] = {"marker": "o", "markersize": 3.0, "color": "white", "z
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -57,7 +57,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _grid(figure: Figure) -> tuple[list[Axes], list[Axes], list[Axes]]:
-    """Two rows of shapes, each with its profiles below, and a row for the convergence."""
+    """Return axes of two rows of shapes, of the profiles below each, and of a row for the convergence."""
     rows: list[Any] = [
         [f"{kind}{k}" for k in range(first, first + 3)] for first in (0, 3) for kind in ("shape", "profile")
     ]
@@ -67,7 +67,7 @@ def _grid(figure: Figure) -> tuple[list[Axes], list[Axes], list[Axes]]:
 
 
 def _draw_shape(ax: Axes, target: np.ndarray, curve: np.ndarray, step: dict[str, Any], near: float) -> None:
-    """Both curves and the segments of all pairs; those at the maximum stand out."""
+    """Draw both curves and the segments of all pairs; pairs at the maximum stand out."""
     ax.plot(*target.T, color=BLUE, linewidth=1.2)
     ax.plot(*curve.T, color=ORANGE, linewidth=1.4, linestyle=_DASHED)
     pairs = step["pairs"]
@@ -82,7 +82,7 @@ def _draw_shape(ax: Axes, target: np.ndarray, curve: np.ndarray, step: dict[str,
 
 
 def _draw_profile(ax: Axes, t: np.ndarray, step: dict[str, Any], near: float) -> None:
-    """Distances along both curves, and the pairs at their places."""
+    """Draw the distances along both curves, and the pairs at their parameters."""
     ax.plot(t, step["profile"]["a_to_b"], color=BLUE, linewidth=1.0)
     ax.plot(t, step["profile"]["b_to_a"], color=ORANGE, linewidth=1.2, linestyle=_DASHED)
     ax.axhline(step["distance"], color=GRAY, linewidth=0.8, linestyle=(0, (1, 1.5)))
@@ -101,7 +101,7 @@ def _at_top(pairs: dict[str, Any], near: float) -> np.ndarray:
 
 
 def _draw_convergence(axes: list[Axes], numbers: dict[str, Any]) -> None:
-    """The distance, all pairs as shares of it, and the optimality against the step."""
+    """Plot the distance, all pairs as fractions of the distance, and the optimality against the step."""
     distance, values, optimality = axes
     steps = numbers["steps"]
     line: dict[str, Any] = {"color": BLACK, "marker": "o", "markersize": 3.0}

@@ -27,13 +27,13 @@ _RANGES = {
     "interval": ("interval", GRAY, "v", ":"),
     "bernstein": ("Bernstein", BLUE, "o", "-"),
 }
-# A search that lands within rounding of the distance has no half width on a logarithmic axis.
+# If a search ends within rounding of the distance, a logarithmic axis cannot show its half width.
 _NARROWEST = 1e-14
 _PRINTED = r"printed, $\epsilon = 1/64$"
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -101,7 +101,7 @@ def _draw_intervals(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _draw_kept(ax: Axes, levels: dict[str, Any]) -> None:
-    """Cells kept beyond those of Bernstein coefficients, both surfaces together."""
+    """Plot how many more cells each range keeps than Bernstein coefficients, both surfaces together."""
     best = np.sum(levels["bernstein"], axis=0)[1:]
     for kind, (label, color, marker, line) in _RANGES.items():
         above = 100 * (np.sum(levels[kind], axis=0)[1:] / best - 1)
@@ -114,7 +114,7 @@ def _draw_kept(ax: Axes, levels: dict[str, Any]) -> None:
 
 
 def _draw_rates(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Pairs of cells a second of the published rule; the paper's only for the cells that its time is printed for."""
+    """Plot pairs of cells a second of the published rule, and the paper's if its number of cells was run."""
     found = _by_rule(numbers, "paper")
     same = [x for x in found if x["cells"] == numbers["paper"]["cells"]]
     shown = same or found[-1:]

@@ -1,8 +1,8 @@
-"""All figures by one command, or those that are named, and a contact sheet with their captions.
+"""All figures, or the named ones, by one command, and a contact sheet with their captions.
 
-What is up to date is skipped: a picture that is of this code and of these numbers. Where numbers are missing the
-experiment runs first; where its code has changed since, the figure says so, and --rerun takes new numbers. With --smoke
-short runs, as many at a time as there are cores; full runs, which measure seconds, go one after the other.
+A picture is skipped if its code and numbers have not changed. If numbers are missing, the experiment runs first. If the
+code has changed since, the figure says so, and --rerun computes new numbers. With --smoke the runs are short, as many
+at a time as cores; full runs measure seconds, so they go one after the other.
 """
 
 import argparse
@@ -20,12 +20,12 @@ from common import EXPERIMENTS, ORIGIN, origin_of, outdated
 from PIL import Image
 
 _HERE = Path(__file__).resolve().parent
-# Lines of what a script that failed has written which are shown.
+# Last lines shown from the error output of a script that failed.
 _LAST_LINES = 5
 
 
 def main() -> int:
-    """Draws what is not up to date; returns the exit status."""
+    """Draw the figures that are not up to date, and return the exit status."""
     options = _options()
     if options.page:
         return _write_page()
@@ -67,7 +67,7 @@ def _options() -> argparse.Namespace:
 
 
 def _is_current(name: str, pictures: Path, results: Path, rerun: bool) -> bool:
-    """Whether the picture is of this code and of these numbers, and these, where new ones are asked for, of it too."""
+    """Return True if the picture is of this code and its numbers; with `rerun`, only if the numbers are current too."""
     picture, numbers = pictures / f"{name}.png", results / f"{name}.json"
     if not picture.exists() or not numbers.exists() or (rerun and outdated(numbers)):
         return False
@@ -76,7 +76,7 @@ def _is_current(name: str, pictures: Path, results: Path, rerun: bool) -> bool:
 
 
 def _drawn(names: list[str], flags: list[str], jobs: int) -> Iterator[tuple[str, str]]:
-    """Runs the figures; gives those that failed, with the last lines of what they wrote."""
+    """Run the figures, and yield the name and the last error lines of each one that failed."""
     with ThreadPoolExecutor(jobs) as pool:
         done = pool.map(lambda name: _run(name, flags), names)
         for k, (name, (failure, seconds)) in enumerate(zip(names, done, strict=True), 1):
@@ -95,7 +95,7 @@ def _run(name: str, flags: list[str]) -> tuple[str, float]:
 
 
 def _write_sheet(folder: Path, told: dict[str, str]) -> None:
-    """The contact sheet of all pictures that lie in the folder."""
+    """Write the contact sheet of all pictures in the folder."""
     shown: dict[str, list[str]] = {}
     for name in common_gallery.names():
         files = common_gallery.pictures(folder, name)
@@ -107,11 +107,11 @@ def _write_sheet(folder: Path, told: dict[str, str]) -> None:
 
 
 def _write_gallery(pictures: Path, results: Path, names: list[str]) -> None:
-    """Small pictures of figures whose numbers are of this code, the numbers that README files state, and the page."""
+    """Write small pictures of the named figures, the numbers that README files state, and the page."""
     for file in (file for name in names for file in common_gallery.pictures(pictures, name)):
         small = common_gallery.GALLERY / file.name
         with Image.open(file) as image:
-            # All at one scale, so that letters are of one size.
+            # One scale for all, so that letters have one size.
             width, height = (round(x * common_gallery.SMALL_WIDTH / common_gallery.WIDTH) for x in image.size)
             drawn = image.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
             (drawn if file.stem in common_gallery.SHADED else _few_colors(drawn)).save(small, optimize=True)
@@ -121,9 +121,9 @@ def _write_gallery(pictures: Path, results: Path, names: list[str]) -> None:
 
 
 def _few_colors(drawn: Image.Image) -> Image.Image:
-    """A picture in the colors of a palette."""
-    # The median cut, which is the default, takes rare colors away, as those of thin lines are. Means of the pixels of
-    # each color keep gray gray.
+    """Return a picture in the colors of a palette."""
+    # The median cut, which is the default, drops rare colors, such as the colors of thin lines. Means of the pixels
+    # of each color keep gray gray.
     return drawn.quantize(common_gallery.SMALL_COLORS, Image.Quantize.MAXCOVERAGE, kmeans=1)
 
 

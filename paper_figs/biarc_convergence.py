@@ -39,7 +39,7 @@ _MARK: dict[str, Any] = {"markersize": 3.8, "markeredgecolor": BLACK, "markeredg
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -67,7 +67,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_arcs(ax: Axes, entry: dict[str, Any]) -> None:
-    """The arcs of the drawn tolerance in two colors by turns, and their ends."""
+    """Draw the arcs of one tolerance, alternating between two colors, and their ends."""
     drawn = entry["drawn"]
     arcs = jhd.BezierSegments(np.array(drawn["control_points"]), np.array(drawn["weights"]))
     t = np.linspace(0, 1, 33)
@@ -76,7 +76,7 @@ def _draw_arcs(ax: Axes, entry: dict[str, Any]) -> None:
         ax.plot(*np.asarray(arcs(k + np.minimum(t, 1 - 1e-12))).T, color=color, linestyle=line, linewidth=1.4)
     ends = np.asarray(arcs.control_points)[:, [0, -1]].reshape(-1, 2)
     ax.plot(*ends.T, linestyle="none", marker=".", markersize=2.6, color=BLACK)
-    # All panels keep one size, so that their titles stand in line.
+    # All panels keep one size, so that their titles are aligned.
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.06)
     ax.axis("off")
@@ -99,7 +99,7 @@ def _draw_counts(ax: Axes, curves: dict[str, Any]) -> None:
 
 
 def _draw_used(ax: Axes, curves: dict[str, Any]) -> None:
-    """The farthest sample and the bounds of the distance over the largest proven deviation; curves side by side."""
+    """Plot the farthest sample and the bounds of the distance as fractions of the largest proven deviation."""
     for k, (name, entry) in enumerate(curves.items()):
         rows = entry["rows"]
         x = np.array([row["share"] for row in rows]) * 10 ** (0.13 * (len(curves) // 2 - k))

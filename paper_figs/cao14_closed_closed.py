@@ -1,4 +1,4 @@
-"""Four panels of the two-step method on two closed curves; numbers by the experiment of the same name.
+"""Four panels of the two-step method on two closed curves; numbers by cao14_closed_closed's experiment.
 
 Caption: Example 2 and figure 5 of Cao et al. 2014 with our own data: two closed splines of 90 control points, the
 samples of A, the three largest samples above both neighbors, and the maxima between these neighbors. Both directed
@@ -14,7 +14,7 @@ from common_cao14 import four_panels
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(four_panels(picture.numbers, bar=(0.5, 0.52)))
 

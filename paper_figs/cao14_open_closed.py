@@ -1,4 +1,4 @@
-"""Four panels of the two-step method on an open and a closed curve; numbers by the experiment of the same name.
+"""Four panels of the two-step method on an open and a closed curve; numbers by cao14_open_closed's experiment.
 
 Caption: Example 1 and figure 4 of Cao et al. 2014 with our own data: eleven samples of A and their feet on B, the
 stationary points of one sample, the two samples above both neighbors, and the maxima between these neighbors, one
@@ -13,7 +13,7 @@ from common_cao14 import four_panels
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(four_panels(picture.numbers, bar=(0.12, 0.1)))
 

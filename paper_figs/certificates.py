@@ -1,4 +1,4 @@
-"""CPU seconds that certificates take to be checked, and their cells, for every pair of kinds of shapes.
+"""CPU seconds to check certificates, and their cells, for every pair of kinds of shapes.
 
 Numbers by certificates's experiment.
 
@@ -25,7 +25,7 @@ _PANELS = {"within": ("checking", "CPU time (s)"), "cells": ("cells", "number of
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -54,11 +54,11 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw(ax: Axes, mixes: list[dict[str, Any]], key: str) -> None:
-    """A dot for each certificate, and a line from the least to the largest of a mix."""
+    """Draw a dot for each certificate, and a line from the least to the largest of a pair of kinds."""
     for k, mix in enumerate(mixes):
         color, marker = _LOOKS[mix["distance"]]
         values = np.sort([found[key] for found in mix["certificates"]])
-        # Those between are drawn first, so that the filled ones at the ends stay whole.
+        # The filled marks at the ends are drawn last, on top of the others.
         ax.plot(values, np.full(len(values), k), color=GRAY, linewidth=0.6, zorder=1)
         mark: dict[str, Any] = {"marker": marker, "s": 11, "linewidths": 0.6, "edgecolors": color}
         ax.scatter(values[1:-1], np.full(len(values[1:-1]), k), facecolors="white", zorder=2, **mark)
@@ -66,7 +66,7 @@ def _draw(ax: Axes, mixes: list[dict[str, Any]], key: str) -> None:
         ax.scatter(ends, np.full(len(ends), k), facecolors=color, zorder=3, **mark)
     every = np.array([found[key] for mix in mixes for found in mix["certificates"]], float)
     if key == "cells":
-        # Where a witness answers there is none.
+        # If a witness answers, there are no cells.
         ax.set_xscale("symlog", linthresh=1.0)
         ax.set_xlim(-0.3, 2 * every.max())
         ticks = [0, *(10**k for k in range(3) if 10**k <= 2 * every.max())]
@@ -85,7 +85,7 @@ def _label(mix: dict[str, Any]) -> str:
 
 
 def _refused(mix: dict[str, Any]) -> str:
-    """How many forgeries were refused, of how many where these are not all."""
+    """Return the number of refused forgeries, with the number tried if some were not refused."""
     tried = sum(sum(found["forgeries"].values()) for found in mix["certificates"])
     others = sum(len(found["accepted"]) + len(found["escaped"]) for found in mix["certificates"])
     return f"{tried - others} of {tried}" if others else f"{tried}"

@@ -28,7 +28,7 @@ _MARK: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredg
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -43,7 +43,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_work(part: Any, numbers: dict[str, Any]) -> None:
-    """Fractions and CPU seconds against the number of shapes."""
+    """Plot fractions and CPU seconds against the number of shapes."""
     above, below = part.subplots(2, 1, sharex=True)
     for k, looks in _LOOKS.items():
         entries = [entry for entry in numbers["searches"] if entry["k"] == k]
@@ -66,7 +66,7 @@ def _draw_work(part: Any, numbers: dict[str, Any]) -> None:
 
 
 def _draw_letters(part: Any, numbers: dict[str, Any]) -> None:
-    """Letters with their nearest, from the stored outlines."""
+    """Draw letters with their nearest ones, from the stored outlines."""
     shown = numbers["shown"]
     value, lower, upper = (np.array(shown[key], dtype=float) for key in ("value", "lower", "upper"))
     count, k = value.shape

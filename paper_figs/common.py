@@ -1,8 +1,8 @@
-"""What all figures share: arguments, numbers, sizes and colors for print.
+"""Arguments, numbers, sizes and colors for print, common to all figures.
 
-Sizes are those of a journal: 85 mm for one column, 175 mm for two, 8 pt text. Colors are those of Okabe & Ito; line
-styles, markers and labels tell the same things apart in gray. Nothing global is changed: figures are made inside the
-context `style()`.
+Sizes suit a journal: 85 mm for one column, 175 mm for two, 8 pt text. The palette is by Okabe & Ito; line styles,
+markers and labels also tell the lines apart in gray. Figures are made inside the context `style()`, so nothing global
+changes.
 """
 
 import argparse
@@ -29,13 +29,13 @@ import jhd
 BLACK, BLUE, ORANGE, GREEN, VERMILLION = "#000000", "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, GRAY = "#CC79A7", "#707070"
 MM = 1 / 25.4
-# The name under which a picture holds what it hangs on.
+# Key in the metadata of a picture for the digests of its code and numbers.
 ORIGIN = "Origin"
 TEXT = 8
 
 _HERE = Path(__file__).resolve().parent
 EXPERIMENTS = _HERE.parent / "experiments"
-# Experiments have a `common` of their own, so what both share is taken by its path.
+# Experiments have a `common` of their own, so shared modules are run by their path.
 _ORIGIN = runpy.run_path(str(EXPERIMENTS / "common_origin.py"))
 _PARAMETERS = runpy.run_path(str(EXPERIMENTS / "common_parameters.py"))
 _STYLE: dict[Any, Any] = {
@@ -58,12 +58,15 @@ _STYLE: dict[Any, Any] = {
 
 
 def style() -> AbstractContextManager:
-    """The context in which figures are made."""
+    """Return the context in which figures are made."""
     return mpl.rc_context(_STYLE)
 
 
 class Picture:
-    """One run of a figure: the numbers of the experiment of the same name, and where the pictures go.
+    """One run of a figure: the numbers of its experiment, and the folder of its pictures.
+
+    The experiment runs first if its numbers are missing or were computed with other options, or if they are outdated
+    and --rerun is given.
 
     Args:
         file: the figure's `__file__`.
@@ -75,7 +78,7 @@ class Picture:
         parser.add_argument("--smoke", action="store_true", help="shrink everything: a test that it runs")
         parser.add_argument("--out", type=Path, help="folder of pictures and numbers (default: the output folders)")
         parser.add_argument("--rerun", action="store_true", help="run the experiment again if its code has changed")
-        # The experiment says itself what of these it does not take.
+        # The experiment itself refuses the options that it does not take.
         _PARAMETERS["add_options"](parser, meshes=True, pair=True)
         options = parser.parse_args()
         self.file = Path(file).resolve()
@@ -95,7 +98,7 @@ class Picture:
             print(f"{self.name}: the numbers are old: {self.outdated}; --rerun takes new ones", file=sys.stderr)
 
     def _are_those_asked_for(self) -> bool:
-        """Whether there are numbers, and of the seed, the parameters and the shapes that are asked for."""
+        """Return True if numbers exist for the given seed, parameters and shapes."""
         if not self.results.exists():
             return False
         context = json.loads(self.results.read_text(encoding="utf-8"))["context"]
@@ -106,44 +109,44 @@ class Picture:
         flags = ["--smoke"] * self.smoke + _PARAMETERS["as_flags"](self.asked)
         done = subprocess.run([sys.executable, str(script), "--out", str(self.results.parent), *flags], check=False)
         if done.returncode:
-            # The experiment has said why.
+            # The experiment has printed the reason.
             sys.exit(done.returncode)
 
     def path(self, suffix: str) -> Path:
-        """NAME with a suffix such as `.gif` or `_errors.png`, in the folder of the pictures."""
+        """Return the path of NAME with a suffix such as `.gif` or `_errors.png`, in the folder of the pictures."""
         return self.folder / f"{self.name}{suffix}"
 
     def save(self, figure: Figure, part: str = "") -> None:
-        """Writes the figure as .png and .pdf, and says where; one of old numbers says so at its right side."""
+        """Write the figure as .png and .pdf, and print the path; add a note at the right if the numbers are old."""
         with style():
             if self.outdated:
                 note = f"old numbers: {self.outdated}"
-                # At the side: keys outside the axes move where the figure grows below or above.
+                # At the side: legends outside the axes move if the figure grows below or above.
                 look: dict[str, Any] = {"rotation": "vertical", "ha": "left", "va": "bottom", "gid": "outdated"}
                 figure.text(1.005, 0.01, note, size=5, color=VERMILLION, **look)
             # The note lies outside, so that it covers nothing.
             size = "tight" if self.outdated else None
             origin = origin_of(self.file, self.results)
             figure.savefig(self.path(part + ".png"), dpi=300, bbox_inches=size, metadata={ORIGIN: origin})
-            # No date in the file: the same numbers give the same bytes.
+            # No date in the file: equal numbers give equal bytes.
             figure.savefig(self.path(part + ".pdf"), bbox_inches=size, metadata={"CreationDate": None})
         print(self.path(part + ".png"))
 
 
 def outdated(results: Path) -> str:
-    """What has changed since results were written, in words; nothing where they are of the code that is here."""
+    """Say which code has changed since the results were written; empty if nothing has changed."""
     context = json.loads(results.read_text(encoding="utf-8"))["context"]
     return _ORIGIN["outdated"](context, EXPERIMENTS / f"{results.stem}.py")
 
 
 def origin_of(script: Path, results: Path) -> str:
-    """What a picture hangs on: the code that draws it, and its numbers."""
+    """Return digests of the code that draws a picture and of its numbers."""
     code = _ORIGIN["code_of"](script)
     return " ".join([*code.values(), _ORIGIN["digest"]([results]), outdated(results)]).strip()
 
 
 def proven_text(lower: float, upper: float, digits: int) -> str:
-    """A number between two bounds, in TeX: digits where the bounds agree in them, else both bounds, rounded outward."""
+    """Return TeX for a number between two bounds: digits if both bounds round to them, else both, rounded outward."""
     if f"{lower:.{digits}f}" == f"{upper:.{digits}f}":
         return f"= {lower:.{digits}f}"
     low, high = outward(lower, upper, digits)
@@ -151,7 +154,7 @@ def proven_text(lower: float, upper: float, digits: int) -> str:
 
 
 def middle_text(lower: float, upper: float) -> str:
-    """The middle of two bounds and how far they are from what is written, rounded up, in TeX."""
+    """Return TeX for the middle of two bounds and their largest distance from the written digits, rounded up."""
     half = max((upper - lower) / 2, 1e-15)
     digits = int(np.ceil(-np.log10(half)))
     middle = Decimal((lower + upper) / 2).quantize(Decimal(1).scaleb(-digits))
@@ -161,7 +164,7 @@ def middle_text(lower: float, upper: float) -> str:
 
 
 def power_text(x: float, digits: int = 0) -> str:
-    """A number in TeX as a multiple of a power of ten, with so many decimals."""
+    """Return TeX for a number as a multiple of a power of ten, with this number of decimals."""
     if x == 0:
         return "$0$"
     mantissa, exponent = f"{x:.{digits}e}".split("e")
@@ -169,38 +172,38 @@ def power_text(x: float, digits: int = 0) -> str:
 
 
 def outward(lower: float, upper: float, digits: int) -> tuple[str, str]:
-    """Both bounds with so many decimals, rounded outward, so that what is drawn is still proven."""
+    """Return both bounds with this number of decimals, rounded outward, so that the written bounds are proven."""
     unit = Decimal(1).scaleb(-digits)
     low, high = (Decimal(x).quantize(unit, way) for x, way in ((lower, ROUND_FLOOR), (upper, ROUND_CEILING)))
     return f"{low}", f"{high}"
 
 
 def grouped(number: float, form: str = ",") -> str:
-    """A number with thin spaces between groups of three digits from 10 000 on; four digits stay together."""
+    """Return a number as text, with thin spaces between groups of three digits if it is 10 000 or more."""
     text = format(number, form)
     whole = text.partition(".")[0].lstrip("-")
     return text.replace(",", "\N{THIN SPACE}" if len(whole) > len("9,999") else "")
 
 
 def grouped_ticks() -> FuncFormatter:
-    """A formatter of tick labels that writes numbers as `grouped` does."""
+    """Return a formatter of tick labels that writes numbers as `grouped` does."""
     return FuncFormatter(lambda x, _: grouped(x, ",.12g"))
 
 
 def letter(ax: Axes, text: str, title: str = "") -> None:
-    """The letter of a panel, bold, and what it shows, above its left edge."""
+    """Write the letter of a panel, bold, and its title above its left edge."""
     ax.set_title(f"$\\bf{{({text})}}$ {title}", loc="left", pad=3)
 
 
 def freeze(figure: Figure) -> None:
-    """Fixes the layout, so that what is placed afterwards by pixels stays in its place."""
+    """Fix the layout, so that artists placed afterwards by pixels do not move."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     figure.draw_without_rendering()
 
 
 def place_label(ax: Axes, point: Any, text: str, distance: float = 7.0) -> None:
-    """Writes beside a point, on whichever side the text covers the least of what is drawn (the layout is fixed)."""
+    """Write next to a point, on the side that covers the least of the drawing; call `freeze` first."""
     halo = [withStroke(linewidth=2.0, foreground="white")]
     note = ax.annotate(text, point, (0, 0), textcoords="offset points", path_effects=halo, zorder=9, linespacing=1.15)
     others = [child for child in ax.texts if child is not note]
@@ -223,7 +226,7 @@ def place_label(ax: Axes, point: Any, text: str, distance: float = 7.0) -> None:
 
 
 def _dense(ax: Axes, line: Line2D) -> np.ndarray:
-    """Points along a drawn line in pixels, about two pixels apart."""
+    """Return points along a drawn line in pixels, about two pixels apart."""
     pixels = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
     if line.get_linestyle() == "None":
         return pixels[np.isfinite(pixels).all(axis=1)]
@@ -233,7 +236,7 @@ def _dense(ax: Axes, line: Line2D) -> np.ndarray:
 
 
 def scale_bar(ax: Axes, length: float, unit: str, place: tuple[float, float]) -> None:
-    """A bar of this length in data units, centered at a place in axes coordinates, with its length in writing."""
+    """Draw a bar of this length in data units, centered at a point in axes coordinates, with its length as text."""
     x, y = ax.transData.inverted().transform(ax.transAxes.transform(place))
     ends = [x - length / 2, x + length / 2]
     ax.plot(ends, [y, y], color=BLACK, linewidth=1.6, solid_capstyle="butt", gid="scale_bar")
@@ -241,12 +244,12 @@ def scale_bar(ax: Axes, length: float, unit: str, place: tuple[float, float]) ->
 
 
 def bezier(control_points: Any) -> jhd.BezierSegments:
-    """The stored segments."""
+    """Return segments from their stored control points."""
     return jhd.BezierSegments(np.asarray(control_points, dtype=float))
 
 
 def shape(stored: dict[str, Any]) -> Any:
-    """A shape from its numbers: a mesh, a polynomial surface, patches or segments."""
+    """Return a shape from its numbers: a mesh, an implicit surface, patches or segments."""
     if "triangles" in stored:
         return jhd.TriangleMesh(stored["vertices"], stored["triangles"])
     if "coefficients" in stored:
@@ -256,13 +259,13 @@ def shape(stored: dict[str, Any]) -> Any:
 
 
 def _numbers(value: Any) -> Any:
-    """Numbers as they were before they were stored, where there is null for what is not finite."""
+    """Return stored numbers as an array, with NaN for null, which stands for numbers that are not finite."""
     found = np.asarray(value)
     return found.astype(float) if found.dtype == object else found
 
 
 def solution(stored: dict[str, Any]) -> jhd.HausdorffSolution:
-    """A solution from its stored numbers, for the parts of jhd.plot that take one."""
+    """Return a solution from its stored numbers, for the functions of jhd.plot that take one."""
     witness = dict(stored["witness"])
     kinds = {"event": jhd.EVENTS, "direction": jhd.DIRECTIONS}
     members = {key: getattr(kind, witness.pop(key)) for key, kind in kinds.items()}

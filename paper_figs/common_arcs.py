@@ -1,7 +1,7 @@
-"""Drawings that say how Kim et al. 2010 trim: biarcs, the distance to an arc, pixels, and regions about an arc.
+"""Drawings of the trimming of Kim et al. 2010: biarcs, the distance to an arc, pixels, and regions about an arc.
 
-Nothing is measured here: places are chosen so that a picture says what its letter names; what is true of them is
-computed as it is drawn.
+Nothing is measured here. Points and arcs are chosen so that each panel shows what its title names; their distances and
+feet are computed.
 """
 
 from typing import Any
@@ -15,9 +15,10 @@ import jhd
 # The segment of (a), and a curve across the pixels of (c).
 _SEGMENT = np.array([(0.0, 0.0), (0.5, 1.2), (2.2, 1.3), (3.0, 0.5)])
 _CROSSING = np.array([(0.0, 1.0), (1.0, -0.4), (1.8, 2.2), (3.0, 1.3)])
-# Ends of the arc about the origin that most panels show, and the radius of the region about it.
+# Ends of the arc about the origin that most panels show, and the radius of the region around that arc.
 _FROM, _TO, _REACH = np.radians(145.0), np.radians(35.0), 0.35
-# Half the angle that an arc of A takes, whose control points, but not all of it, are in the region.
+# Half the width, as an angle on the unit circle, of an arc of A that leaves the region although its control points are
+# inside.
 _HALF = np.radians(26.0)
 # Radii of the arcs of B and A, half the length and LB of (h); there the lowest point is 1.445 off.
 _RADII, _LENGTH, _LB, _OFF = (100.0, 200.0), 10.0, 1.2, -1.195
@@ -32,7 +33,7 @@ _POLYGON: dict[str, Any] = {"color": BLUE, "linewidth": 0.7, "marker": "s", "mar
 
 
 def draw_all(axes: np.ndarray) -> None:
-    """Eight panels."""
+    """Draw the eight panels."""
     panels = (
         (_biarc, "biarc with its joint"),
         (_feet, "feet on an arc"),
@@ -60,7 +61,7 @@ def _write(ax: Axes, point: Any, text: str, move: tuple[float, float], **style: 
 
 
 def _biarc(ax: Axes) -> None:
-    """The segment, its two arcs, the tangents at its ends, and the joint (figures 1 to 3)."""
+    """Draw a segment, its two arcs, the tangents at its ends, and the joint (figures 1 to 3)."""
     curve = jhd.BezierSegments(_SEGMENT[None])
     arcs = jhd.biarcs(curve, 1.0).segments()
     ax.plot(*np.asarray(curve(np.linspace(0, 1, 121))).T, **{**_THIN, "color": BLACK, "linestyle": (0, (3, 1.5))})
@@ -79,7 +80,7 @@ def _biarc(ax: Axes) -> None:
 
 
 def _arc(ax: Axes) -> tuple[np.ndarray, np.ndarray]:
-    """The arc of B about the origin with rays through its ends, which are returned."""
+    """Draw the arc of B about the origin with rays through its ends, and return the ends."""
     first, last = _round(_FROM, _TO)[[0, -1]]
     ax.plot(*_round(_FROM, _TO).T, **_B)
     for end in (first, last):
@@ -90,7 +91,7 @@ def _arc(ax: Axes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _feet(ax: Axes) -> None:
-    """Between the rays the foot is on the arc, beyond them it is an end (figure 6)."""
+    """Draw the feet of three points: on the arc if the point is between the rays, else an end (figure 6)."""
     ax.fill(*np.concatenate([[[0, 0]], _round(_FROM, _TO, 1.65)]).T, color=_LIGHT[0], linewidth=0)
     first, last = _arc(ax)
     inside = np.array([0.12, 1.3])
@@ -103,7 +104,7 @@ def _feet(ax: Axes) -> None:
 
 
 def _pixels(ax: Axes) -> None:
-    """The pixels in which samples of the curve lie, whose depths are read (figure 9)."""
+    """Draw the pixels that contain samples of the curve; the method reads their depths (figure 9)."""
     along = np.asarray(jhd.BezierSegments(_CROSSING[None])(np.linspace(0, 1, 121)))
     low, high = (np.floor(along.min(axis=0) / _PIXEL) - 1) * _PIXEL, (np.ceil(along.max(axis=0) / _PIXEL) + 1) * _PIXEL
     for i, j in {tuple(place) for place in np.floor(along / _PIXEL).astype(int)}:
@@ -118,7 +119,7 @@ def _pixels(ax: Axes) -> None:
 
 
 def _nearest(ax: Axes) -> None:
-    """Three arcs of B, their cells, and an arc of A whose control points ask for the nearest one (figure 11)."""
+    """Draw three arcs of B, their cells, and an arc of A with its control points and their feet (figure 11)."""
     turns = np.linspace(_FROM, _TO, 4)
     for k, color in enumerate(_LIGHT):
         cell = np.concatenate([_round(turns[k], turns[k + 1], 1.65), _round(turns[k + 1], turns[k], 0.45)])
@@ -132,13 +133,13 @@ def _nearest(ax: Axes) -> None:
 
 
 def _control_points(center: np.ndarray, radius: float, middle: float, half: float) -> np.ndarray:
-    """The three control points of an arc by its center, radius, middle direction and half its turn."""
+    """Return the three control points of an arc from its center, radius, middle direction and half its turn."""
     angles, reach = middle + half * np.array([-1, 0, 1]), radius * np.array([1, 1 / np.cos(half), 1])
     return center + np.stack([reach * np.cos(angles), reach * np.sin(angles)], axis=1)
 
 
 def _along(points: np.ndarray) -> np.ndarray:
-    """The arc of three control points."""
+    """Return points along the arc with these three control points."""
     first, last = points[1] - points[0], points[2] - points[1]
     cosine = first @ (points[2] - points[0]) / (np.linalg.norm(first) * np.linalg.norm(points[2] - points[0]))
     assert np.isclose(np.linalg.norm(first), np.linalg.norm(last))
@@ -155,7 +156,7 @@ def _control_polygon(ax: Axes, points: np.ndarray, names: tuple[str, ...] = ()) 
 
 
 def _regions(ax: Axes) -> None:
-    """All points within LB of the arc: those between the rays, and two half discs (figures 12 and 13)."""
+    """Draw the region of all points within LB of the arc: a part of a ring and two half discs (figures 12 and 13)."""
     ring = np.concatenate([_round(_FROM, _TO, 1 + _REACH), _round(_TO, _FROM, 1 - _REACH)])
     ends = ((_FROM, _FROM, _FROM + np.pi), (_TO, _TO - np.pi, _TO))
     discs = [_round(at, at)[0] + _round(start, stop, _REACH) for at, start, stop in ends]
@@ -174,11 +175,11 @@ def _regions(ax: Axes) -> None:
 
 
 def _outside(ax: Axes) -> None:
-    """An arc that leaves the second part although its control points are there (figure 14)."""
+    """Draw an arc that leaves the second part although its control points are inside (figure 14)."""
     ring = np.concatenate([_round(_FROM, _TO, 1 + _REACH), _round(_TO, _FROM, 1 - _REACH)])
     ax.fill(*ring.T, facecolor=_LIGHT[1], edgecolor=GRAY, linewidth=0.6)
     _arc(ax)
-    # Its control points are as far from O as each other, a little more than the region begins.
+    # The control points are equally far from O, a little farther than the inner radius of the region.
     radius, reach = 1.0, 1.01 * (1 - _REACH)
     width = radius * np.sin(_HALF)
     points = np.array([(-width, np.sqrt(reach**2 - width**2)), (0.0, reach), (width, np.sqrt(reach**2 - width**2))])
@@ -188,7 +189,7 @@ def _outside(ax: Axes) -> None:
 
 
 def _angle(ax: Axes) -> None:
-    """Half the turn of an arc, and how far its control polygon leaves it (figure 15)."""
+    """Draw half the turn of an arc, and the height of its control polygon above the arc (figure 15)."""
     points = _control_points(np.zeros(2), 1.0, np.pi / 2, np.radians(45))
     _control_polygon(ax, points, ())
     for point in points:
@@ -202,7 +203,7 @@ def _angle(ax: Axes) -> None:
 
 
 def _unsafe(ax: Axes) -> None:
-    """The distance of an arc of A from an arc of B, whose control points fulfill the condition (figure 16)."""
+    """Plot the distance from an arc of B along an arc of A whose control points satisfy the condition (figure 16)."""
     near, radius = _RADII
     half = np.arcsin(_LENGTH / radius)
     points = _control_points(np.zeros(2), radius, np.pi / 2, half)

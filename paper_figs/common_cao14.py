@@ -36,11 +36,11 @@ _RANKS = ({"color": VERMILLION, "marker": "o"}, {"color": GREEN, "marker": "^"},
 
 
 def four_panels(numbers: dict[str, Any], bar: tuple[float, float]) -> Figure:
-    """A figure two columns wide from the numbers of an experiment.
+    """Return a figure two columns wide from the numbers of an experiment.
 
     Args:
-        numbers: what the experiment saved.
-        bar: the place of the scale bar in panel (a), in axes coordinates; all panels have one scale.
+        numbers: the numbers that the experiment saved.
+        bar: the center of the scale bar in panel (a), in axes coordinates; all panels have one scale.
     """
     with style():
         figure = Figure(figsize=(175 * MM, 122 * MM), layout="constrained")
@@ -63,7 +63,7 @@ def four_panels(numbers: dict[str, Any], bar: tuple[float, float]) -> Figure:
 
 
 def _round_length(ax: Axes) -> float:
-    """A tenth of the width or more, whose first digit is 1, 2 or 5."""
+    """Return the least length with first digit 1, 2 or 5 that is at least a tenth of the width."""
     least = 0.1 * float(np.ptp(ax.get_xlim()))
     unit = 10 ** np.floor(np.log10(least))
     return float(unit * next(digit for digit in (1, 2, 5, 10) if digit * unit >= least))
@@ -90,7 +90,7 @@ def _curves(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _limits(ax: Axes) -> None:
-    """A box around both curves."""
+    """Set the limits to a box around both curves."""
     points = np.concatenate([np.asarray(line.get_xydata()) for line in ax.lines[:2]])
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     margin = 0.04 * (high - low).max()
@@ -154,16 +154,16 @@ def _result(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _words(found: dict[str, Any], unit: str) -> str:
-    """The value to six decimals, and the event."""
+    """Return the value to six decimals, and the event."""
     return f"{found['value']:.6f} {unit}".strip() + f", {found['witness']['event'].replace('_', '-')}"
 
 
 def _below(ax: Axes, lines: list[str]) -> None:
-    """Lines under a panel."""
+    """Write lines of text under a panel."""
     ax.text(0.02, -0.02, "\n".join(lines), transform=ax.transAxes, va="top", linespacing=1.25)
 
 
 def _spokes(ax: Axes, points: np.ndarray, feet: np.ndarray, **style: Any) -> None:
-    """Lines from points to feet, as one artist."""
+    """Draw lines from points to feet, as one artist."""
     gap = np.full_like(feet, np.nan)
     ax.plot(*np.stack([points, feet, gap], axis=1).reshape(-1, 2).T, zorder=3, **style)

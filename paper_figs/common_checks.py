@@ -1,4 +1,4 @@
-"""What the figures of meshes that stand for surfaces share: the mesh in the colors of its distance, and the bounds."""
+"""Drawings for meshes that approximate surfaces: the mesh colored by its distance, and the bounds."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ _WAYS = {"to_surface": ("mesh to surface", BLUE, "o", "--"), "to_mesh": ("surfac
 
 
 def colored_shape(figure: Figure, a: Any, b: Any, found: Any, title: str, left: float = 0.0, top: float = 1.0) -> Any:
-    """A stored shape by its distance to another one, seen from the side of the farthest place; a third wide."""
+    """Draw a stored shape colored by its distance to another one, seen from its farthest point; a third wide."""
     ax: Any = figure.add_axes((left, top - 0.98, 0.36, 0.86), projection="3d")
     found = solution(found)
     jhd.plot.distances(shape(a), shape(b), found, ax, color_bar=False)
@@ -32,12 +32,12 @@ def colored_shape(figure: Figure, a: Any, b: Any, found: Any, title: str, left: 
 
 
 def both_ways(ax: Any, x: np.ndarray, meshes: list[dict[str, Any]]) -> None:
-    """The proven bounds of both directions, and what samples say of each, over one number of each mesh; logarithmic."""
+    """Plot the proven bounds and sampled distances of both directions over one number of each mesh; logarithmic."""
     for way, (name, color, mark, dashes) in _WAYS.items():
         ends = np.array([[mesh[way][end] for end in ("lower", "upper")] for mesh in meshes])
         middle = ends.mean(axis=1)
         bars: Any = np.stack([middle - ends[:, 0], ends[:, 1] - middle])
-        # A small square inside a ring, as both ways are often the same.
+        # A small square inside a ring, as both directions are often equal.
         style: dict[str, Any] = {"markersize": 7, "markerfacecolor": "none"} if mark == "o" else {"markersize": 3}
         ax.errorbar(x, middle, bars, color=color, marker=mark, linestyle="none", label=f"{name}, proven", **style)
         samples = [mesh[way]["samples"]["value"] for mesh in meshes]

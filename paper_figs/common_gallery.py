@@ -1,9 +1,9 @@
-"""Captions of the figures, the gallery page that is made of them, and the contact sheet.
+"""Captions of the figures, the gallery page made from them, and the contact sheet.
 
-A figure's docstring ends in a paragraph `Caption: ...`, which says what the picture shows and the number that matters,
+A figure's docstring ends in a paragraph `Caption: ...`, which describes the picture and gives the number that matters,
 and in `Alt text: ...`, which describes the picture for readers who do not see it; `Alt text of PART: ...` describes
 NAME_PART.png.
-The minutes are those of the experiment's docstring. This module draws nothing and imports nothing of the package.
+The minutes come from the experiment's docstring. This module draws nothing and does not import the package.
 """
 
 import ast
@@ -13,8 +13,8 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 GALLERY = HERE / "gallery"
 EXPERIMENTS = HERE.parent / "experiments"
-# Pixels of the width of two columns, in a picture and in a small one, and the colors of that: all of them together stay
-# below 3 MB.
+# Width of two columns in pixels, in a picture and in a small one, and the colors of a small picture: all small pictures
+# together stay below 3 MB.
 WIDTH, SMALL_WIDTH, SMALL_COLORS = 2067, 800, 256
 # Small pictures that keep all their colors: the few grays of a palette draw rings on smooth shading.
 SHADED = ("lin03_spheres",)
@@ -123,19 +123,19 @@ The sources print no data. The figures here show shapes of our own of the same k
 
 
 def names() -> list[str]:
-    """All figures, in the order of the page."""
+    """Return the names of all figures, in the order of the page."""
     return [name for group in GROUPS.values() for name in group]
 
 
 def pictures(folder: Path, name: str) -> list[Path]:
-    """The pictures of a figure that lie in a folder: its own, and those of its parts."""
+    """Return the existing pictures of a figure in a folder: its own, and the pictures of its parts."""
     files = [folder / f"{name}.png", *sorted(folder.glob(f"{name}_*.png"))]
-    # A longer name of another figure may begin with this one.
+    # The longer name of another figure may begin with this name.
     return [file for file in files if file.exists() and (file.stem == name or file.stem not in names())]
 
 
 def caption(name: str) -> str:
-    """What a figure shows and the number that matters, in one line."""
+    """Return the caption of a figure, in one line."""
     return _paragraph(HERE / f"{name}.py", "Caption: ")
 
 
@@ -146,17 +146,17 @@ def alt_text(name: str, picture: str) -> str:
 
 
 def takes(name: str) -> str:
-    """How long the full experiment takes."""
+    """Return the time that the full experiment takes."""
     return _paragraph(EXPERIMENTS / f"{name}.py", "Takes: ")
 
 
 def question(name: str) -> str:
-    """What the experiment asks."""
+    """Return the question of the experiment."""
     return _docstring(EXPERIMENTS / f"{name}.py").split("\n")[0]
 
 
 def page() -> str:
-    """The gallery page."""
+    """Return the gallery page."""
     parts = [_HEAD]
     for title, group in GROUPS.items():
         parts.append(f"## {title}\n")
@@ -173,11 +173,11 @@ def _entry(name: str) -> str:
 
 
 def contact_sheet(pictures: dict[str, list[str]], told: dict[str, str]) -> str:
-    """All pictures on one page of HTML, with captions.
+    """Return a page of HTML with all pictures and captions.
 
     Args:
-        pictures: of each figure the files of its pictures, beside the page.
-        told: what is to be said of a figure besides: that its numbers are old, or that it failed.
+        pictures: for each figure the files of its pictures, in the folder of the page.
+        told: notes on figures by name, for example that the numbers are old or that the figure failed.
     """
     body = "\n".join(_figure(name, files, told.get(name, "")) for name, files in pictures.items())
     return _SHEET.replace("BODY", body)
@@ -212,7 +212,7 @@ BODY
 
 
 def _paragraph(file: Path, begin: str) -> str:
-    """The paragraph of a docstring that begins like this, without its beginning, in one line."""
+    """Return the part of a docstring from `begin` to the end of the paragraph, without `begin`, in one line."""
     for part in _docstring(file).split("\n\n"):
         lines = part.split("\n")
         for k, line in enumerate(lines):

@@ -1,6 +1,6 @@
-"""Gaps of four families of upper bounds against the width of the cell, and against the cells of a search.
+"""Gaps of four upper bounds against the width of the cell, and against the cells of a search.
 
-Numbers by the experiment of the same name; the second figure is convergence_cells (.png, .pdf).
+Numbers by convergence's experiment; the second figure is convergence_cells (.png, .pdf).
 
 Caption: Gaps of four upper bounds of the distance over a cell against its width, at an antipodal maximum, at a
 one-to-two maximum and on coincident curves, with fitted slopes (numbers) and theoretical slopes (dashed); second
@@ -32,13 +32,13 @@ _TITLES = {
 _SERIES: dict[str, dict[str, Any]] = {
     "Lipschitz": {"color": GRAY, "marker": "s", "label": "Lipschitz"},
     "one branch": {"color": ORANGE, "marker": "D", "label": "one branch, cubic map"},
-    # Larger and open, so that it shows where it equals the one before.
+    # Larger and open, so that it is seen if it equals the bound before.
     "lambda": {"color": BLUE, "marker": "o", "markersize": 5.5, "markerfacecolor": "none", "label": "two branches, λ"},
     "affine map": {"color": GREEN, "marker": "^", "label": "affine map"},
     "Moebius map": {"color": PURPLE, "marker": "v", "label": "Möbius map"},
     "ours": {"color": VERMILLION, "marker": "o", "label": "jhd"},
 }
-# The same bounds under the names they have beside others.
+# Series of bounds that the numbers call by another name.
 _SAME = {"ours, affine map": "affine map", "cubic map": "one branch"}
 _HALVED: dict[str, Any] = {"color": BLACK, "marker": "x", "markeredgewidth": 0.9, "label": "jhd, cells halved"}
 _MARK: dict[str, Any] = {"markersize": 3.2, "markeredgecolor": BLACK, "markeredgewidth": 0.3}
@@ -53,7 +53,7 @@ _LABELS = [
     "allowance for rounding",
     "default tolerance",
 ]
-# Slopes stand to the left of their lines; to the right where another line is.
+# Slopes stand to the left of their lines; to the right if another line is on the left.
 _RIGHT = {
     *((pair, family) for pair in ("antipodal", "one_to_two") for family in ("ours, affine map", "ours")),
     ("one_to_two", "one branch"),
@@ -63,14 +63,14 @@ _RIGHT = {
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figures."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers, _draw_local, "cell width $h$ (part of the segment)"))
     picture.save(_figure(picture.numbers, _draw_cells, "cells bounded"), "_cells")
 
 
 def _figure(numbers: dict[str, Any], draw: Callable[[Axes, dict[str, Any], str], None], label: str) -> Figure:
-    """One panel for each pair, and one legend for all."""
+    """Return a figure with one panel for each pair, and one legend."""
     with style():
         figure = Figure(figsize=(175 * MM, 128 * MM), layout="constrained")
         axes = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -83,7 +83,7 @@ def _figure(numbers: dict[str, Any], draw: Callable[[Axes, dict[str, Any], str],
             ax.set_xlabel(label)
         for ax in axes[:, 0]:
             ax.set_ylabel("gap (in diagonals of the box)")
-        # Lines of the same kind in two panels have one entry.
+        # Lines of one kind in two panels have one entry.
         lines = [line for ax in axes.flat for line in ax.lines if not line.get_label().startswith("_")]
         handles = {line.get_label(): line for line in lines}
         order = sorted(handles, key=_LABELS.index)
@@ -92,18 +92,18 @@ def _figure(numbers: dict[str, Any], draw: Callable[[Axes, dict[str, Any], str],
 
 
 def _line(family: str) -> dict[str, Any]:
-    """Color, marker and label of a family of bounds."""
+    """Return color, marker and label of one upper bound."""
     line = {**_MARK, **(_HALVED if family == "ours, halved" else _SERIES[_SAME.get(family, family)])}
     return {**line, "markeredgecolor": line["color"]} if line.get("markerfacecolor") == "none" else line
 
 
 def _draw_local(ax: Axes, numbers: dict[str, Any], pair: str) -> None:
-    """Gaps and fitted slopes, each over a line of the slope by theory; points at the floor of rounding are small."""
+    """Plot gaps and fitted slopes with lines of the theoretical slope; points at the floor of rounding are small."""
     width, families = np.array(numbers["width"]), numbers["local"][pair]
     floor = families["ours"]["floor"]
     for family, entry in families.items():
         gap, line = np.array(entry["gap"]), _line(family)
-        # A line breaks off where it meets the floor.
+        # A line ends when it meets the floor.
         above = gap > (3 * floor if family == "ours" else floor)
         last = len(gap) if above.all() else int(np.argmin(above))
         ax.loglog(width[:last], gap[:last], **line)
@@ -117,7 +117,7 @@ def _draw_local(ax: Axes, numbers: dict[str, Any], pair: str) -> None:
 
 
 def _draw_slope(ax: Axes, width: np.ndarray, entry: dict[str, Any], color: str, right: bool) -> None:
-    """The slope in writing, and the line of the order by theory through the middle of the points fitted."""
+    """Write the slope, and draw a line of the theoretical order through the middle of the fitted points."""
     fitted = np.array(entry["fitted"], dtype=int)
     place = tuple(np.exp(np.mean(np.log(x[fitted]))) for x in (width, np.array(entry["gap"])))
     text = "exact" if entry["order"] is None else "" if entry["slope"] is None else f"{entry['slope']:.2f}"
@@ -130,7 +130,7 @@ def _draw_slope(ax: Axes, width: np.ndarray, entry: dict[str, Any], color: str, 
 
 
 def _draw_cells(ax: Axes, numbers: dict[str, Any], pair: str) -> None:
-    """The largest bound left in each search."""
+    """Plot the largest bound left in each search."""
     for family, entry in numbers["cells"][pair].items():
         count, gap = np.array(entry["count"]), np.array(entry["gap"])
         ax.loglog(count, np.maximum(gap, 1e-16), markevery=_spread(count), **_line(family))
@@ -139,7 +139,7 @@ def _draw_cells(ax: Axes, numbers: dict[str, Any], pair: str) -> None:
 
 
 def _spread(count: np.ndarray) -> list[int]:
-    """Indices of the first and last entries and of some between, about evenly apart on a logarithmic axis."""
+    """Return indices of the first, the last and some entries between, about evenly apart on a logarithmic axis."""
     steps = np.unique(np.round(np.log2(count) * 3).astype(int), return_index=True)[1]
     return sorted({*map(int, steps), len(count) - 1})
 

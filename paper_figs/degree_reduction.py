@@ -33,15 +33,15 @@ _LINES: dict[str, tuple[Any, float]] = {
     "Chamfer": ((0, (1, 1)), 1.2),
     "soft Hausdorff": ((0, (4, 2)), 0.9),
 }
-# Errors are drawn so many times larger beside the target: the most of these for which no line turns back, which would
-# draw loops that are not there.
+# Magnifications of the errors next to the target. The largest one is taken for which no line turns back; such a line
+# would show loops that do not exist.
 _LARGER = (8, 6, 5, 4, 3, 2, 1)
-# Each line keeps at least this share of the target's speed along it.
+# Each line keeps at least this fraction of the target's speed along the target.
 _FORWARD = 0.3
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -76,7 +76,7 @@ def _draw_ratios(ax: Axes, cases: list[dict[str, Any]]) -> None:
     for j, name in enumerate(others):
         for k, degree in enumerate(degrees):
             values = np.sort([case["methods"][name]["ratio"] for case in cases if case["degree"] == degree])
-            # Cases side by side, in the order of their ratios, so that none hides another.
+            # Cases stand next to each other, ordered by their ratios, so that none hides another.
             place = k + 0.22 * (j - 1.5) + 0.075 * np.linspace(-1, 1, len(values))
             label = _NAMES.get(name, name) if k == 0 else None
             ax.plot(place, values, linestyle="none", markersize=3.0, markeredgewidth=0.6, label=label, **_hollow(name))
@@ -132,7 +132,7 @@ def _draw_shapes(ax: Axes, target: Any, case: dict[str, Any], example: dict[str,
 
 
 def _is_forward(rows: np.ndarray, offset: np.ndarray) -> bool:
-    """Whether a line beside another one goes where that goes, everywhere."""
+    """Return True if a line moved by an offset runs everywhere in the direction of the original line."""
     steps, moved = np.diff(rows, axis=0), np.diff(rows + offset, axis=0)
     return bool(np.all(np.sum(steps * moved, axis=1) >= _FORWARD * np.sum(steps * steps, axis=1)))
 

@@ -1,4 +1,4 @@
-"""How many pairs are left at each stage, their distances, and some of them; numbers by duplicates.
+"""Number of pairs that remain at each stage, their distances, and some of the pairs; numbers by duplicates.
 
 Caption: Pairs of 11 683 letters that remain at each stage of a search for near-duplicates, the distances of the 905
 pairs found, and some of the pairs. About a thousand of 68 million pairs are searched, none stays undecided, in under 30
@@ -20,7 +20,7 @@ _DASHED = (0, (4, 1.2))
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -38,7 +38,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _points(ax: Any, names: list[str], values: list[float], colors: list[str], form: str) -> None:
-    """Numbers over many powers of ten, each written beside its point; bars have no zero there to begin at."""
+    """Plot numbers over many powers of ten as points with text; a logarithmic axis has no zero for bars."""
     ax.hlines(range(len(names)), 0, values, color="#C0C0C0", linewidth=0.8)
     ax.scatter(values, range(len(names)), 28, color=colors, zorder=3)
     ax.set_yticks(range(len(names)), names)
@@ -90,7 +90,7 @@ def _draw_shown(part: Any, numbers: dict[str, Any]) -> None:
 
 
 def _square(ax: Any, *curves: Any) -> None:
-    """Limits of one length along both axes, so that all panels are alike."""
+    """Set limits of one length along both axes, so that all panels have one form."""
     points = np.concatenate([np.asarray(curve.control_points).reshape(-1, 2) for curve in curves])
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = (low + high) / 2, 0.54 * np.max(high - low)
@@ -99,7 +99,7 @@ def _square(ax: Any, *curves: Any) -> None:
 
 
 def _short(x: float) -> str:
-    """Two digits."""
+    """Return a number with two digits."""
     return f"{x:.2g}" if x >= 1e-4 else power_text(x, 1)
 
 

@@ -29,7 +29,7 @@ _WAYS = {"without": "no cache", "first": "cold cache", "second": "warm cache"}
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers["entries"]))
 

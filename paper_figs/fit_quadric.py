@@ -1,4 +1,4 @@
-"""A quartic surface with the least-squares ellipsoid and with the one of least Hausdorff distance, and the way there.
+"""A quartic surface with the ellipsoids of least squares and of least Hausdorff distance, and the convergence.
 
 Numbers by fit_quadric's experiment.
 
@@ -32,7 +32,7 @@ _FARTHEST: dict[str, Any] = {"marker": "o", "color": VERMILLION, "markersize": 4
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers, _SMOKE_CELLS if picture.smoke else _CELLS))
 
@@ -62,7 +62,7 @@ def _handles() -> list[Any]:
 
 
 def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cells: int) -> None:
-    """The quartic, blue, the ellipsoid, orange, the witness and its feet."""
+    """Draw the quartic in blue, the ellipsoid in orange, the witness and its feet."""
     size = numbers["box"]
     p, u = np.array(found["parameters"][:3]), np.array(found["parameters"][3:])
     coefficients = np.zeros((3, 3, 3))
@@ -89,7 +89,7 @@ def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cell
 
 
 def _draw_scale(ax: Any) -> None:
-    """A unit of length across the view at the depth of the center, below the shapes."""
+    """Draw a unit of length across the view at the depth of the center, below the shapes."""
     across = np.array([-np.sin(np.radians(_VIEW[1])), np.cos(np.radians(_VIEW[1])), 0.0])
     ends: Any = across[:, None] * np.array([-0.5, 0.5])
     x, y, _ = proj_transform(ends[0], ends[1], ends[2], ax.get_proj())
@@ -99,7 +99,7 @@ def _draw_scale(ax: Any) -> None:
 
 
 def _outside(shape: jhd.ImplicitSurface, other: jhd.ImplicitSurface, cells: int) -> np.ndarray:
-    """Faces of a closed surface, cut where another one hides them, with the last corner repeated: (faces, 6, 3)."""
+    """Return the faces outside another closed surface, cut at it, with the last corner repeated: (faces, 6, 3)."""
     faces = quadrilaterals(shape, cells)
     found = []
     for corners, values in zip(faces, np.asarray(other(faces)), strict=True):

@@ -5,7 +5,7 @@ fraction of curves that exceed Agg's half pixel, and one curve that Agg draws 25
 tolerance on every input. On thin curves and hairpins Agg errs by up to 46 % of their size. All answers are certified.
 
 Alt text: Four panels: cumulative curves of error over tolerance with a gray region for violations, horizontal bars of
-violations for each family of curves, and two pixel strips of a hairpin, the upper one drawn a third too long.
+violations for each kind of curve, and two pixel strips of a hairpin, the upper one drawn a third too long.
 """
 
 from typing import Any
@@ -43,7 +43,7 @@ _LEAST = 1e-3
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -62,7 +62,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_used(ax: Axes, entries: list[dict[str, Any]]) -> None:
-    """Empirical distributions over all families, sizes and tolerances."""
+    """Plot empirical distributions over all kinds of curves, sizes and tolerances."""
     for name, line in _LINES.items():
         ratios = [np.array(e["upper"], dtype=float) / e["tolerance"] for e in entries if e["name"] == name]
         used = np.sort(np.concatenate(ratios))
@@ -80,7 +80,7 @@ def _draw_used(ax: Axes, entries: list[dict[str, Any]]) -> None:
 
 
 def _draw_shares(ax: Axes, entries: list[dict[str, Any]]) -> None:
-    """Fractions of the curves on which Agg breaks its half pixel."""
+    """Plot the fractions of curves for which the error of Agg is proven to exceed half a pixel."""
     mine = [e for e in entries if e["name"].startswith("Agg")]
     rows = list(dict.fromkeys((e["name"].split(", ")[1], e["family"]) for e in mine))
     sizes = sorted({e["size"] for e in mine})
@@ -107,7 +107,7 @@ def _draw_shares(ax: Axes, entries: list[dict[str, Any]]) -> None:
 
 
 def _draw_strips(axes: Any, numbers: dict[str, Any]) -> None:
-    """The pixels of one hairpin, drawn by Agg as a curve and as many chords, at one scale."""
+    """Draw the pixels of one hairpin, by Agg as a curve and as many chords, at one scale."""
     drawn, worst = numbers["drawn"], numbers["specimens"][0]
     (width, height), (x, y) = drawn["canvas"], drawn["origin"]
     titles = "a hairpin, drawn by Agg from its control points", "the hairpin along 1000 chords, drawn by Agg"

@@ -24,7 +24,7 @@ _DASHED = (0, (4, 1.2))
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -66,8 +66,8 @@ def _draw_matrix(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _mark(ax: Axes, entries: list[dict[str, Any]], letters: list[str], name: str) -> None:
-    """Filled where the nearest letter is not the same one, hollow at both places where the bounds of two overlap."""
-    # Both directions have room side by side in one cell.
+    """Draw filled marks if another letter is the nearest, hollow marks at both letters if their bounds overlap."""
+    # Both directions have room next to each other in one cell.
     marker, aside = (">", -0.22) if name == "rows" else ("v", 0.22)
     style: dict[str, Any] = {"marker": marker, "markersize": 3.6, "linestyle": "none", "markeredgewidth": 0.7}
     filled: dict[str, Any] = {"markerfacecolor": VERMILLION, "markeredgecolor": "white"}
@@ -90,7 +90,7 @@ def _draw_pair(ax: Axes, pair: dict[str, Any], numbers: dict[str, Any], name: st
     plot.curve(bezier(pair["a"]), ax, label=first, control_polygon=False)
     plot.curve(bezier(pair["b"]), ax, color=ORANGE, linestyle=_DASHED, label=second, control_polygon=False)
     plot.witness(solution(pair["solution"]), ax, distance=False, empty_circle=False)
-    # The distance stands above each panel, not in the legend of all.
+    # The distance stands above each panel, not in the common legend.
     ax.lines[-1].set_label("_")
     ax.set_axis_off()
     same = pair["letters"][0] == pair["letters"][1]

@@ -1,4 +1,4 @@
-"""An arc that crosses from one foot to two feet to an end, its distance, and derivatives right and naive.
+"""A moving arc, its distance from a parabola at one foot, two feet and an end, and correct and naive derivatives.
 
 Numbers by gradient_check's experiment.
 
@@ -26,7 +26,7 @@ _HALO = [withStroke(linewidth=2.0, foreground="white")]
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers["path"], picture.numbers["pairs"]))
 
@@ -65,7 +65,7 @@ def _figure(path: dict[str, Any], pairs: dict[str, Any]) -> Figure:
 
 
 def _draw_errors(ax: Axes, pairs: dict[str, Any]) -> None:
-    """Errors of first and second derivatives of random pairs of all kinds of curves, by event, with the largest."""
+    """Plot errors of first and second derivatives for random pairs of curves, by event, with the largest."""
     looks = {"first": ("o", GREEN, "first derivative", -0.22), "second": ("s", BLUE, "second derivative", 0.22)}
     for k, found in enumerate(pairs.values()):
         for order, (marker, color, label, shift) in looks.items():
@@ -113,7 +113,7 @@ def _draw_shapes(ax: Axes, path: dict[str, Any]) -> None:
 
 
 def _bands(axes: list[Axes], u: np.ndarray, events: np.ndarray) -> None:
-    """Bands in the color of the event, named above the first panel."""
+    """Draw bands in the color of the event, with their names in the first panel."""
     starts = np.flatnonzero(np.append(True, events[1:] != events[:-1]))
     for start, stop in zip(starts, np.append(starts[1:], len(u)), strict=True):
         left = 0.0 if start == 0 else 0.5 * float(u[start - 1] + u[start])

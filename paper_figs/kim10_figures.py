@@ -1,9 +1,9 @@
-"""Distance map with nearest arcs, the same as cones over the plane, and a curve trimmed by the region of radius LB.
+"""Distance map with nearest arcs, its graph as cones over the plane, and a curve trimmed by the region of radius LB.
 
-Numbers by kim10_figures's experiment. A second picture has four pairs, one for each way in which the distance arises,
-with map, reading and both curves trimmed; a third one draws what is done to an arc.
+Numbers by kim10_figures's experiment. A second picture has four pairs, one for each event, with map, reading and both
+curves trimmed; a third one draws the steps for an arc.
 
-Caption: A distance map with nearest arcs, the same as cones, and curves trimmed by the region of radius LB (figures 7,
+Caption: A distance map with nearest arcs, its graph as cones, and curves trimmed by the region of radius LB (figures 7,
 8, 10 and 17 of Kim et al. 2010, with our own data). The maximum remains, with less than a tenth of A. Second picture: a
 pair for each of the four events (figure 1 of Cao et al. 2014, figure 18 of Kim et al.); trimmed as published, nothing
 of B remains. Third picture: the steps for an arc (figures 1 to 6, 9 and 11 to 16).
@@ -32,7 +32,7 @@ from matplotlib.ticker import MultipleLocator
 
 import jhd
 
-# Five light colors by turns: neighbors differ in lightness too.
+# Five light colors in turn: neighbors differ in lightness too.
 _FILLS = ("#9ecae9", "#fbe3a1", "#8fd3b6", "#f7c6a3", "#e3c1d9")
 _LEVELS = 9
 _SHOWN = ("antipodal", "end")
@@ -42,14 +42,14 @@ _TRIMMED: dict[str, Any] = {"color": BLUE, "linewidth": 1.0, "linestyle": (0, (3
 _LEFT: dict[str, Any] = {"color": VERMILLION, "linewidth": 2.8, "solid_capstyle": "butt"}
 _LEFT_OF_B: dict[str, Any] = {"color": ORANGE, "linewidth": 3.4, "solid_capstyle": "butt"}
 _DISTANCE: dict[str, Any] = {"color": GREEN, "linewidth": 1.6}
-# What Cao et al. call the four ways in which a distance arises.
+# Names of the four events in Cao et al.
 _WAYS = {
     "end": "end of $A$",
     "foot_at_end": "end of $B$",
     "antipodal": "common normal",
     "self_bisector": "one to two",
 }
-# A ring, so that the short part of the curve that is left there is seen.
+# A ring, so that the short part of the curve that remains there is seen.
 _PLACE: dict[str, Any] = {
     "marker": "o",
     "markersize": 8,
@@ -62,7 +62,7 @@ _WITNESS: dict[str, Any] = {"color": BLACK, "linewidth": 0.7, "marker": "o", "ma
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figures."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
     picture.save(_pairs(picture.numbers), "_pairs")
@@ -92,7 +92,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _pairs(numbers: dict[str, Any]) -> Figure:
-    """A row for each pair: the curves with their distance, the map of B, its reading along A, and both trimmed."""
+    """Return a figure with a row for each pair: curves with distance, map of B, its reading along A, both trimmed."""
     pairs = numbers["pairs"]
     with style():
         figure = Figure(figsize=(175 * MM, (19 + 38 * len(pairs)) * MM), layout="constrained")
@@ -124,7 +124,7 @@ def _pairs(numbers: dict[str, Any]) -> Figure:
 
 
 def _bare(ax: Axes) -> None:
-    """A plane without numbers, at the top of its place."""
+    """Remove labels, ticks and spines from axes, and align them with the top of their cell."""
     ax.set(xlabel="", ylabel="", xticks=[], yticks=[], anchor="N")
     for spine in ax.spines.values():
         spine.set_visible(False)
@@ -138,7 +138,7 @@ def _parts() -> Figure:
 
 
 def _draw_distance(ax: Axes, pair: dict[str, Any]) -> None:
-    """Both curves, and the farthest point with its feet."""
+    """Draw both curves, and the farthest point with its feet."""
     a, b = (jhd.BezierSegments(np.array(pair[name]["control_points"])) for name in "ab")
     ax.plot(*np.asarray(b(np.linspace(0, b.count, 600))).T, **_B)
     ax.plot(*np.asarray(a(np.linspace(0, a.count, 600))).T, **_TRIMMED)
@@ -153,7 +153,7 @@ def _draw_feet(ax: Axes, pair: dict[str, Any], **look: Any) -> None:
 
 
 def _draw_reading(ax: Axes, pair: dict[str, Any]) -> None:
-    """What the map says at samples of A, less its errors; the largest of it is LB."""
+    """Plot the distances that the map gives at samples of A, less its errors; the largest one is LB."""
     t, lower = (np.array(pair["profile"][key]) for key in ("t", "lower"))
     ax.plot(t, lower, color=BLUE)
     ax.axhline(pair["lower"], color=GRAY, linewidth=0.6)
@@ -164,13 +164,13 @@ def _draw_reading(ax: Axes, pair: dict[str, Any]) -> None:
 
 
 def _colors(field: dict[str, Any]) -> np.ndarray:
-    """A color for each arc, by turns."""
+    """Return a color for each arc, in turn."""
     fills = np.array([to_rgb(x) for x in _FILLS])
     return fills[np.arange(len(field["arcs"]["weights"])) % len(fills)]
 
 
 def _draw_map(ax: Axes, field: dict[str, Any]) -> None:
-    """Pixels in the color of their nearest arc, lines of equal distance, and the arcs with their ends."""
+    """Draw pixels in the color of their nearest arc, lines of equal distance, and the arcs with their ends."""
     x, y, distance = (np.array(field[key]) for key in ("x", "y", "distance"))
     colors = _colors(field)
     palette: dict[str, Any] = {"cmap": ListedColormap(colors), "vmin": -0.5, "vmax": len(colors) - 0.5}
@@ -184,12 +184,12 @@ def _draw_map(ax: Axes, field: dict[str, Any]) -> None:
 
 
 def _draw_cones(ax: Any, field: dict[str, Any]) -> None:
-    """The graph of the distance, each point in the color of its nearest arc."""
+    """Draw the graph of the distance, each point in the color of its nearest arc."""
     step = max(1, len(field["x"]) // 120)
     x, y = (np.array(field[key])[::step] for key in ("x", "y"))
     z, nearest = (np.array(field[key])[::step, ::step] for key in ("distance", "nearest"))
     how: dict[str, Any] = {"rcount": len(x), "ccount": len(y), "linewidth": 0, "antialiased": False}
-    # Steeper towards the left is darker; what matplotlib offers darkens light colors too much.
+    # Slopes down to the right are darker; the shading of matplotlib darkens light colors too much.
     slope = np.gradient(z, x, y)[0]
     shade = 0.86 + 0.14 * slope / np.max(np.abs(slope))
     colors = _colors(field)[nearest] * shade[..., None]
@@ -204,7 +204,7 @@ def _draw_cones(ax: Any, field: dict[str, Any]) -> None:
 
 
 def _draw_trimmed(ax: Axes, pair: dict[str, Any], both: bool = False) -> None:
-    """The region of radius LB about b; a, with what is left of it bold, of b too; the maximum with its feet."""
+    """Draw the region of radius LB about b, both curves, kept parts of a (or both) bold, and the maximum with feet."""
     region = pair["region"]
     x, y, distance = (np.array(region[key]) for key in ("x", "y", "distance"))
     ax.contourf(x, y, distance.T, levels=[0, pair["lower"]], colors=[_REGION])
@@ -220,14 +220,14 @@ def _draw_trimmed(ax: Axes, pair: dict[str, Any], both: bool = False) -> None:
 
 
 def _draw_left(ax: Axes, curve: jhd.BezierSegments, parts: dict[str, Any], look: dict[str, Any]) -> None:
-    """The parts of a curve that are left."""
+    """Draw the parts of a curve that remain."""
     for segment, t0, t1, left in zip(*(parts[key] for key in ("segment", "t0", "t1", "left")), strict=True):
         if left:
             ax.plot(*np.asarray(curve.point(np.full(16, segment), np.linspace(t0, t1, 16))).T, **look)
 
 
 def _enlarge(ax: Axes, near: Axes, pair: dict[str, Any]) -> None:
-    """The second axes show what is about the maximum, and the first ones where that is."""
+    """Show the neighborhood of the maximum in the second axes, and mark its box in the first ones."""
     x, y = pair["solution"]["witness"]["point"]
     near.plot(x, y, **_PLACE)
     half = 0.05 * pair["diagonal"]

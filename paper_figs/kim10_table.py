@@ -28,7 +28,7 @@ _TIMES: dict[str, dict[str, Any]] = {
     "TwoStep": {"color": ORANGE, "linestyle": _DOTTED, "label": "two-step"},
     "BranchAndBound": {"color": GREEN, "linestyle": _DASH_DOTTED, "label": "jhd (branch and bound)"},
 }
-# The kinds of event, side by side so that none hides another.
+# The kinds of event; marks are shifted, so that none hides another.
 _KINDS = {
     "end": ("o", "end of $A$"),
     "foot_at_end": ("s", "foot at an end of $B$"),
@@ -41,7 +41,7 @@ _LEGEND: dict[str, Any] = {"handlelength": 2.2, "labelspacing": 0.25, "handletex
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers["entries"]))
 
@@ -71,7 +71,7 @@ def _figure(entries: list[dict[str, Any]]) -> Figure:
 
 
 def _drawn(ax: Axes, entries: list[dict[str, Any]], values: Any, look: dict[str, Any]) -> None:
-    """A mark for each pair, whose form is the kind of event, and a line through the geometric means."""
+    """Draw a mark for each pair, its shape the kind of event, and a line through the geometric means."""
     counts = sorted({entry["count"] for entry in entries})
     rows = [np.array([values(entry) for entry in entries if entry["count"] == count]) for count in counts]
     line = {"color": look["color"], "linestyle": look.get("linestyle", "-"), "linewidth": 1.0}
@@ -90,7 +90,7 @@ def _draw_times(ax: Axes, entries: list[dict[str, Any]]) -> None:
 
 
 def _draw_printed(ax: Axes, entries: list[dict[str, Any]], values: Any, labels: dict[str, str]) -> None:
-    """What the source prints, each number at its own size."""
+    """Draw the printed numbers of the source, each at its own size."""
     known = sorted((entry["count"], values(entry["printed"])) for entry in entries if entry["printed"])
     for k, (label, marker) in enumerate(labels.items()):
         look = {**_PRINTED, "marker": marker, "label": label}
@@ -99,7 +99,7 @@ def _draw_printed(ax: Axes, entries: list[dict[str, Any]], values: Any, labels: 
 
 def _draw_boxes(ax: Axes, entries: list[dict[str, Any]]) -> None:
     for name in ("AlgebraicEvents", "BiarcTrimming"):
-        # Where nothing is left to solve there is no box; the scale has no zero.
+        # If nothing is left to solve, there is no box; the scale has no zero.
         _drawn(ax, entries, lambda entry, name=name: max(entry["boxes"][name], 1), _TIMES[name])
     ax.set_ylabel("boxes examined")
 

@@ -1,4 +1,4 @@
-"""Unseen shapes as a network draws them, the distances while it learned by three losses, and what each loss moves.
+"""Unseen shapes as a network draws them, distances in training with three losses, and the points moved by each.
 
 Numbers by latent_shapes' experiment.
 
@@ -33,7 +33,7 @@ _TICKS = (0.03, 0.1, 0.3, 1.0)
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -51,7 +51,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_shapes(figure: Any, numbers: dict[str, Any]) -> None:
-    """Unseen shapes, and what the network draws that learned by the soft loss."""
+    """Draw unseen shapes, and the curves of the network that was trained with the soft loss."""
     way = numbers["ways"]["soft, then hard"]
     count = min(len(numbers["targets"]), _MOST)
     axes = figure.subplots(-(-count // _COLUMNS), _COLUMNS, squeeze=False).ravel()
@@ -79,7 +79,7 @@ def _outline(points: Any) -> np.ndarray:
 
 
 def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:
-    """The mean distance of unseen shapes against the step, with the largest as a thin line."""
+    """Plot the mean distance of unseen shapes against the step, with the largest as a thin line."""
     for name, (color, line, marker) in _WAYS.items():
         path = numbers["ways"][name]["path"]
         steps, distances = [x["step"] for x in path], np.array([x["distances"] for x in path])
@@ -95,7 +95,7 @@ def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _draw_moved(ax: Axes, numbers: dict[str, Any]) -> None:
-    """How many control points of a shape each loss moves in a step."""
+    """Plot the number of control points of a shape that each loss moves in a step."""
     names = list(_WAYS)[::-1]
     values = [float(np.mean(numbers["ways"][name]["moved"])) for name in names]
     bars = ax.barh(names, values, color=[_WAYS[name][0] for name in names], edgecolor=BLACK, linewidth=0.5, height=0.6)

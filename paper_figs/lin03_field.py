@@ -1,9 +1,9 @@
 """Adaptive fields of meshes: slices with their cells, and the surfaces extracted from them, colored by error.
 
-Black lines in the slices are the zero set; cells are drawn in gray. Times are given beside those printed in the paper,
-which are of a 933 MHz Pentium III and of unknown tolerances.
+Black lines in the slices are the zero set; cells are drawn in gray. Times stand next to the printed times of the paper,
+measured on a 933 MHz Pentium III for unknown tolerances.
 
-Numbers by lin03_field's experiment. A second picture has the meshes that are given, and the regions about a triangle.
+Numbers by lin03_field's experiment. A second picture has the input meshes, and the regions about a triangle.
 
 Caption: Adaptive fields of meshes of 67 500 and 48 000 triangles: slices with their cells, and the extracted surfaces
 colored by error; times are listed next to those printed in 2003. The error is certified to be below twice the
@@ -30,7 +30,7 @@ from matplotlib.figure import Figure
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figures."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
     picture.save(_inputs(picture.numbers["meshes"]), "_inputs")
@@ -39,7 +39,7 @@ def main() -> None:
 def _figure(numbers: dict[str, Any]) -> Figure:
     with style():
         figure = Figure(figsize=(175 * MM, 192 * MM), layout="constrained")
-        # Columns of their own below: the labels there would push the pictures apart.
+        # The panels below have columns of their own: their labels would push the pictures apart.
         parts: Any = figure.subfigures(2, 1, height_ratios=[1, 0.32])
         rows, below = parts[0].subplots(2, 2), parts[1].subplots(1, 2)
         for k, case in enumerate(numbers["meshes"]):
@@ -71,13 +71,13 @@ def _inputs(meshes: list[dict[str, Any]]) -> Figure:
 
 
 def _draw_regions(ax: Axes) -> None:
-    """The plane of a triangle, cut by its sides into seven regions, by the signs of the barycentric coordinates."""
+    """Draw the seven regions of the plane of a triangle, by the signs of the barycentric coordinates."""
     corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.45, 0.85)])
     x, y = np.meshgrid(np.linspace(-0.8, 1.9, 271), np.linspace(-0.7, 1.55, 226))
     inverse = np.linalg.inv(np.vstack([corners.T, np.ones(3)]))
     shares = np.einsum("ij,jyx->iyx", inverse, np.stack([x, y, np.ones_like(x)]))
     positive = (shares > 0).astype(int)
-    # Inside, beside a side, and beyond a corner.
+    # Colors by the number of positive coordinates: one beyond a corner, two next to a side, three inside.
     colors = np.array([[1.0, 1.0, 1.0], *(to_rgb(c) for c in ("#8fd3b6", "#9ecae9", "#fbe3a1"))])[positive.sum(axis=0)]
     extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
     ax.imshow(colors, origin="lower", extent=extent, interpolation="nearest")
@@ -94,7 +94,7 @@ def _draw_regions(ax: Axes) -> None:
 
 
 def _tight(ax: Axes, seen: np.ndarray) -> None:
-    """No more of an image than what is seen, with a small margin."""
+    """Crop an image to the pixels that are seen, with a small margin."""
     rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
     ax.set_xlim(columns[0] - 2, columns[-1] + 2)
     ax.set_ylim(rows[0] - 2, rows[-1] + 2)
@@ -102,7 +102,7 @@ def _tight(ax: Axes, seen: np.ndarray) -> None:
 
 
 def _draw_slice(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
-    """Values, cells and the zero set in a plane."""
+    """Draw values, cells and the zero set in a plane."""
     stored, size = case["slice"], case["size"]
     (x0, y0), (x1, y1) = np.array(stored["lower"]) / size, np.array(stored["upper"]) / size
     values = np.array(stored["values"]).T / size
@@ -121,12 +121,12 @@ def _draw_slice(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
 
 
 def _sides(x: float, y: float, side: float) -> list[list[tuple[float, float]]]:
-    """The lower and the left side of a square; its neighbors draw the others."""
+    """Return the lower and the left side of a square; its neighbors draw the others."""
     return [[(x, y), (x + side, y)], [(x, y), (x, y + side)]]
 
 
 def _draw_view(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
-    """The error as a color, darkened where the surface turns away."""
+    """Draw the error as a color, darker if the surface turns away from the eye."""
     error = np.array(case["view"]["error"], float) / case["atol"]
     light = np.array(case["view"]["light"], float)
     seen = np.isfinite(error)
@@ -140,7 +140,7 @@ def _draw_view(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
 
 
 def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Seconds of each mesh, as bars from the same zero."""
+    """Draw the seconds of each mesh as bars."""
     names = []
     for k, (case, (count, time)) in enumerate(zip(numbers["meshes"], numbers["printed"], strict=True)):
         bars = (
@@ -162,7 +162,7 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Largest errors in tolerances: of the field, and of the mesh made of it."""
+    """Plot the largest errors of the field and of the extracted mesh, in tolerances."""
     rows = ("sampled", "proven", "extracted to mesh", "mesh to extracted")
     for k, (case, color) in enumerate(zip(numbers["meshes"], (BLUE, ORANGE), strict=True)):
         ways = [case["hausdorff"][key]["upper"] for key in ("from", "to")]

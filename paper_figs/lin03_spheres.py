@@ -1,10 +1,10 @@
-"""The voxel method on two spheres of distance 2: its answers on 81 grids, and where in the spheres they come from.
+"""The voxel method on two spheres of distance 2: its answers on 81 grids, and the locations of their samples.
 
 Numbers by lin03_spheres's experiment.
 
 Caption: The published voxel method on two spheres of distance 2 (figure 10 of Lin and Wang): the printed and the
 certified points, the answers on 81 grids, and the points found. The answers reach 2.0166; the printed 2.0020 is
-among those of 32 of the grids. The certified bounds enclose 2 and are less than 3e-12 apart.
+among the answers on 32 of the grids. The certified bounds enclose 2 and are less than 3e-12 apart.
 
 Alt text: Three panels: two gray spheres joined by a short segment, cumulative curves of the answers on 81 grids, and
 answers along a parabola over the distance of their samples from the line of centers.
@@ -18,12 +18,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 RADII, CENTER = (3.0, 2.0), 7.0
-# The second coordinates of the points printed.
+# The second coordinates of the printed points.
 _PRINTED = (2.9992, 5.0012)
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -39,7 +39,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_spheres(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Both spheres seen along z, lit from the left, with the points printed and those proven."""
+    """Draw both spheres seen along z, lit from the left, with the printed and the proven points."""
     printed = np.array([(y, numbers["line"]["x"]) for y in _PRINTED])
     proven = [(RADII[0], 0.0), (CENTER - RADII[1], 0.0)]
     for radius, center in zip(RADII, (0.0, CENTER), strict=True):
@@ -57,7 +57,7 @@ def _draw_spheres(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Fraction of the answers below each value."""
+    """Plot the fraction of the answers below each value."""
     every = np.concatenate([answer["distances"] for answer in numbers["answers"]]) - 2
     taken = np.array([answer["first"] for answer in numbers["answers"]]) - 2
     for values, color, dashes, text, place in (
@@ -85,7 +85,7 @@ def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _draw_places(ax: Axes, numbers: dict[str, Any]) -> None:
-    """The answers over the distance of their samples from the line of centers."""
+    """Plot the answers over the distance of their samples from the line of centers."""
     x, z, value = (np.concatenate([answer[key] for answer in numbers["answers"]]) for key in ("x", "z", "distances"))
     off = np.hypot(x, z)
     radius = np.linspace(0, 1.05 * off.max(), 200)

@@ -33,7 +33,7 @@ _SHAPES = (("shell", BLUE, "o", "-"), ("tube", ORANGE, "s", "--"), ("scattered",
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figures."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
     picture.save(_templates(picture.numbers["templates"]), "_templates")
@@ -51,9 +51,9 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _templates(templates: list[list[list[int]]]) -> Figure:
-    """Those of one dimension, of two, which are those of three in one plane, and of three."""
+    """Return a figure of the templates in one, two and three dimensions; the 2-D ones are slices of the 3-D ones."""
     flat = [[step[:2] for step in template if not step[2]] for template in templates]
-    # In one dimension there are only the steps along a row, one way and the other.
+    # In one dimension there are only the steps along a row, in both directions.
     lines = [[step for step in template if not step[0]] for template in flat[:2]]
     with style():
         figure = Figure(figsize=(175 * MM, 82 * MM), layout="constrained")
@@ -77,7 +77,7 @@ def _templates(templates: list[list[list[int]]]) -> Figure:
 def _draw_template(
     ax: Axes, steps: list[list[int]], shape: tuple[int, int], center: bool = True, dim: int | None = None
 ) -> None:
-    """Boxes around a place with the steps to the neighbors that make an offer; rows go down, columns to the right."""
+    """Draw boxes around a voxel with the steps to the neighbors that are read; rows go down, columns to the right."""
     zero = [0] * (dim or len(steps[0]))
     taken = {tuple(step[:2] if len(step) > 1 else [0, *step]): step for step in [*steps, *([zero] if center else [])]}
     for i in range(-(shape[0] // 2), shape[0] // 2 + 1):
@@ -95,7 +95,7 @@ def _draw_template(
 
 
 def _draw_line(ax: Axes, offsets: list[int]) -> None:
-    """Pixels with the signed offset to the feature in each, and an arrow along it."""
+    """Draw pixels with the signed offset to the feature in each, and an arrow along the offset."""
     for i, offset in enumerate(offsets, start=1):
         color = "#E8E8E8" if offset == 0 else "none"
         ax.add_patch(Rectangle((i - 0.5, 0), 1, 1, facecolor=color, edgecolor=BLACK, linewidth=0.8))

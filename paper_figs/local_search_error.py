@@ -1,6 +1,6 @@
 """Errors of the local search: the fraction of points above each error, and their location about a long profile.
 
-Grids have one vertex a voxel, as published, or 256 voxels a side where that needs more.
+Grids have one vertex a voxel, as published, or 256 voxels a side if that would need more.
 
 Numbers by local_search_error's experiment.
 
@@ -22,13 +22,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 _LINES = ((BLUE, "-"), (GREEN, "--"), (ORANGE, "-."), (PURPLE, (0, (5, 1, 1, 1, 1, 1))), (VERMILLION, ":"))
-# Errors of the section that have a color, in per cent of the diagonal.
+# Errors in the section that have a color, in percent of the diagonal.
 _LOW, _HIGH = 0.01, 10
 _PLAIN = FuncFormatter(lambda x, _: f"{x:g}")
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -47,7 +47,7 @@ def _draw_shares(ax: Axes, numbers: dict[str, Any]) -> None:
     for k, mesh in enumerate(numbers["meshes"]):
         way = next((way for way in mesh["ways"] if way["published"]), mesh["ways"][-1])
         color, line = _LINES[k % len(_LINES)]
-        # Where nothing is above, lines go down and out of the picture.
+        # If no point is above, the line leaves the picture at the bottom.
         above = 100 * np.maximum(way["above"], 1e-9)
         levels = 100 * np.array(numbers["levels"])
         ax.loglog(levels, above, color=color, linestyle=line, linewidth=1.2, label=mesh["name"])

@@ -24,11 +24,11 @@ from matplotlib.ticker import MaxNLocator
 
 _NAMES = {"a_to_b": "from $A$ to $B$", "b_to_a": "from $B$ to $A$"}
 _STYLES = {"a_to_b": (BLUE, "o", "-"), "b_to_a": (ORANGE, "s", "--")}
-# The eye is turned away from the farthest point by these angles, so that it is not in the middle of the picture.
+# The view is turned away from the farthest point by these angles, so that the point is not in the middle.
 _TURN, _LIFT = 0.45, 0.3
-# Share of a color that faces turned from the light lose.
+# Fraction of a color that faces turned from the light lose.
 _SHADE = 0.3
-# How far triangles must be turned towards the eye for their edges to be drawn.
+# Least cosine of the angle of a triangle to the eye for its edges to be drawn.
 _RIM = 0.25
 # Edges of more triangles would hide the colors.
 _FEW = 3000
@@ -36,7 +36,7 @@ _COLORS = "viridis"
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -68,7 +68,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 def _draw_mesh(
     ax: Axes, mesh: dict[str, Any], lines: dict[str, Any] | None, witness: dict[str, Any], scale: Any
 ) -> None:
-    """A mesh seen from near its farthest point, with the edges of a coarse one and the point."""
+    """Draw a mesh seen from near its farthest point, with the edges of a coarse mesh and the point."""
     corners = np.array(mesh["vertices"])[np.array(mesh["triangles"])]
     middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     axes = _eye(np.array(witness["point"]) - middle)
@@ -102,7 +102,7 @@ def _draw_mesh(
 
 
 def _eye(towards: np.ndarray) -> np.ndarray:
-    """Axes to the right, up, and towards the eye, turned a little away from a direction."""
+    """Return axes to the right, up, and towards the eye, turned a little away from a direction."""
     azimuth, height = np.arctan2(towards[1], towards[0]) + _TURN, np.arcsin(towards[2] / np.linalg.norm(towards))
     height = np.clip(height + (_LIFT if height < 0 else -_LIFT), -1.2, 1.2)
     eye = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
@@ -112,7 +112,7 @@ def _eye(towards: np.ndarray) -> np.ndarray:
 
 
 def _facing(corners: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far triangles are turned towards the eye, and towards a light from the upper left, both up to one."""
+    """Return cosines of triangle normals to the eye, and to a light from the upper left (zero if turned away)."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.where(length > 0, length, 1.0)
@@ -121,10 +121,10 @@ def _facing(corners: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _draw_edges(ax: Axes, mesh: dict[str, Any], axes: np.ndarray) -> None:
-    """The edges of a mesh that are turned towards the eye."""
+    """Draw the edges of the triangles that are turned towards the eye."""
     vertices, triangles = np.array(mesh["vertices"]), np.array(mesh["triangles"])
     towards, _ = _facing(vertices[triangles], axes)
-    # At the rim edges would crowd, and some there are behind other parts.
+    # At the rim, edges would crowd, and some are behind other parts.
     shown = triangles[towards > _RIM]
     edges = np.unique(np.sort(np.concatenate([shown[:, [0, 1]], shown[:, [1, 2]], shown[:, [2, 0]]]), axis=1), axis=0)
     ends = (vertices @ axes.T)[edges][:, :, :2]
@@ -132,7 +132,7 @@ def _draw_edges(ax: Axes, mesh: dict[str, Any], axes: np.ndarray) -> None:
 
 
 def _draw_section(ax: Axes, section: dict[str, Any], larger: str) -> None:
-    """Both meshes in a plane through the farthest point and its feet, in true lengths."""
+    """Draw both meshes in a plane through the farthest point and its feet, in true lengths."""
     for name, (color, line) in {"a": (BLUE, "solid"), "b": (ORANGE, "solid")}.items():
         segments = [np.array(ends) for ends in section[name]]
         width = 1.6 if name == "a" else 1.2
@@ -162,7 +162,7 @@ def _draw_section(ax: Axes, section: dict[str, Any], larger: str) -> None:
 
 
 def _draw_bounds(ax: Axes, directions: dict[str, Any]) -> None:
-    """The difference of the bounds after each round."""
+    """Plot the difference of the bounds after each round."""
     for name, entry in directions.items():
         color, marker, line = _STYLES[name]
         steps = [row["steps"] for row in entry["rounds"]]

@@ -29,7 +29,7 @@ _WAYS = {
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -44,7 +44,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None:
-    """Bars of both kinds of points for each library, with how many times as fast ours is."""
+    """Draw bars of both kinds of points for each library, with the speed of jhd relative to it."""
     places = np.arange(len(queries))[::-1]
     for k, (name, color, hatch) in enumerate((("even in the box", BLUE, None), ("near the surface", ORANGE, "////"))):
         rates = [peer["rates"][k] / 1000 for peer in queries]
@@ -67,7 +67,7 @@ def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None
 
 
 def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
-    """Relative error against seconds; filled markers are too small, hollow ones too large."""
+    """Plot the relative error against seconds; markers are filled if the distance is too small, hollow if too large."""
     proven = (ways[0]["upper"] - ways[0]["lower"]) / ways[0]["value"]
     for name, (color, marker) in _WAYS.items():
         mine = [way for way in ways if way["name"] == name]
@@ -100,7 +100,7 @@ def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
 
 
 def _name_samples(ax: Axes, samples: list[int], seconds: list[float], errors: list[float]) -> None:
-    """Each number of samples once, left of the lowest of its marks."""
+    """Write each number of samples once, left of the lowest of its marks."""
     look: dict[str, Any] = {
         "ha": "right",
         "va": "center",
@@ -113,7 +113,7 @@ def _name_samples(ax: Axes, samples: list[int], seconds: list[float], errors: li
 
 
 def _power(count: int) -> str:
-    """A number of samples as a power of ten where it is one."""
+    """Return a number of samples as a power of ten if possible."""
     exponent = round(np.log10(count))
     return f"$10^{exponent}$" if 10**exponent == count else str(count)
 

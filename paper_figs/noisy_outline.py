@@ -34,7 +34,7 @@ _MILLI = 1e3
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -71,7 +71,7 @@ def _draw_shape(ax: Axes, case: dict[str, Any]) -> None:
     ax.plot(*joints.T, color=BLUE, marker="o", linestyle="none", **_MARKS)
     ax.set_aspect("equal")
     ax.axis("off")
-    # The noise is a hundredth of the outline, which a part of it has to show.
+    # The noise is a hundredth of the outline, so an inset magnifies a part.
     near = ax.inset_axes((0.3, 0.3, 0.36, 0.36))
     near.plot(*np.vstack([points, points[:1]]).T, color=BLACK, linewidth=0.5, marker=".", markersize=2)
     near.plot(*np.asarray(curve(t)).T, color=BLUE, linewidth=1.0)
@@ -87,7 +87,7 @@ def _draw(ax: Axes, cases: list[dict[str, Any]], values: list[float], name: str,
     options: dict[str, Any] = {"color": color, "marker": marker, "linestyle": line, **_MARKS}
     ax.loglog([c["vertices"] for c in cases], values, label=_LABELS.get(name, name), **options)
     ax.set_xlabel("vertices of the outline")
-    # A label at every second number of vertices, and numbers in place of powers of ten on the other axis.
+    # A label at every second number of vertices, and numbers instead of powers of ten on the other axis.
     ax.set_xticks([case["vertices"] for case in cases[::2]], [grouped(case["vertices"]) for case in cases[::2]])
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
@@ -95,7 +95,7 @@ def _draw(ax: Axes, cases: list[dict[str, Any]], values: list[float], name: str,
 
 
 def _is_short(ax: Axes) -> bool:
-    """Whether an axis has few powers of ten, so that there is room for numbers between them."""
+    """Return True if an axis has few powers of ten, so that there is room for numbers between them."""
     low, high = ax.get_ylim()
     return high < 100 * low
 

@@ -1,4 +1,4 @@
-"""Outlines before and after fitting by few cubics, numbers stored, and the distance of a fit of 60 parameters in time.
+"""Outlines before and after fitting by few cubics, numbers stored, and the progress of fits with 60 parameters.
 
 Numbers by outline_fit's experiment.
 
@@ -24,16 +24,16 @@ _METHODS = {
     "split": ("least squares, split", PURPLE, "....", "^"),
 }
 _RUNS = {"cold": ("nothing compiled", VERMILLION, "--", "s"), "warm": ("compiled", BLUE, "-", "o")}
-# Which letter is shown, and at which of its tolerances.
+# Index of the letter that is shown.
 _SHOWN = 0
-# Per cent above the least distance; what is nearer is drawn here.
+# Percent above the least distance; values below this one are drawn at it.
 _FLOOR = 1e-5
 _HALO = [withStroke(linewidth=2.0, foreground="white")]
 _MILLI = 1e3
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -62,7 +62,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_outline(ax: Axes, control_points: Any, limits: Any, text: str, name: str, title: str) -> None:
-    """The outline with its nodes and handles."""
+    """Draw the outline with its nodes and handles."""
     points = np.asarray(control_points)
     t = np.linspace(0, 1, 40)
     for segment in points:
@@ -79,7 +79,7 @@ def _draw_outline(ax: Axes, control_points: Any, limits: Any, text: str, name: s
 
 
 def _draw_bars(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
-    """Numbers stored at each tolerance, all letters together, as a fraction of the numbers of the stored outlines."""
+    """Plot the numbers stored at each tolerance, all letters together, as a fraction of the stored outlines."""
     tolerances = sorted({fit["tolerance"] for glyph in glyphs for fit in glyph["fits"]}, reverse=True)
     stored = sum(glyph["stored"][1] for glyph in glyphs)
     for k, (method, (label, color, hatch, _)) in enumerate(_METHODS.items()):
@@ -100,7 +100,7 @@ def _draw_bars(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
 
 
 def _draw_used(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
-    """Proven error over tolerance of every fit."""
+    """Plot the proven error of every fit, divided by its tolerance."""
     tolerances = sorted({fit["tolerance"] for glyph in glyphs for fit in glyph["fits"]}, reverse=True)
     for k, (method, (_, color, _, marker)) in enumerate(_METHODS.items()):
         mine = [(tolerances.index(f["tolerance"]), f) for g in glyphs for f in g["fits"] if f["method"] == method]
@@ -124,7 +124,7 @@ def _draw_used(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
 
 
 def _draw_convergence(ax: Axes, name: str, case: dict[str, Any]) -> None:
-    """The distance over the least one that any run reached, less one, against time."""
+    """Plot the relative excess of the distance over the least one of all runs, against time."""
     best = case["best"]
     others = [found for run, found in case["runs"].items() if run not in _RUNS]
     for k, found in enumerate(others):

@@ -1,4 +1,4 @@
-"""A point that slides past a cubic, its foot, and what local projections miss; numbers by point_bezier's experiment.
+"""A point that slides past a cubic, its foot, and misses of local projections; numbers by point_bezier's experiment.
 
 Writes a strip of six frames (.png, .pdf), the animation (.gif), and the methods compared (_methods.png, .pdf).
 
@@ -38,7 +38,7 @@ _BARS = ((GREEN, "////"), (ORANGE, ""), (PURPLE, "...."))
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figures."""
     picture = Picture(__file__, __doc__)
     path = picture.numbers["path"]
     picture.save(_strip(path))
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 class _Frame:
-    """The artists of one frame: the curve with point and foot above, the distance over the parameter below."""
+    """Artists of one frame: the curve with point and foot above, the distance over the parameter below."""
 
     def __init__(self, top: Axes, bottom: Axes, path: dict[str, Any]):
         self.path, self.curve = path, bezier([path["control_points"]])
@@ -71,7 +71,7 @@ class _Frame:
         return np.linalg.norm(self.line - self.points[k], axis=-1)
 
     def show(self, k: int) -> list[Any]:
-        """Moves the artists to frame k."""
+        """Move the artists to frame k."""
         point, foot = self.points[k], np.asarray(self.curve(self.t[k]))
         self.spoke.set_data(*np.stack([point, foot], axis=-1))
         self.point.set_data(*point[:, None])
@@ -82,7 +82,7 @@ class _Frame:
 
 
 def _strip(path: dict[str, Any]) -> Figure:
-    """Six frames side by side: near the start, before and after each of the two jumps of the foot, near the end."""
+    """Return six frames in a row: near the start, before and after each of the two jumps of the foot, near the end."""
     count, t = len(path["points"]), np.array(path["methods"]["BestFirstProjection"]["t"])
     jumps = np.sort(np.argsort(-np.abs(np.diff(t)))[:2])
     frames = [
@@ -109,7 +109,7 @@ def _strip(path: dict[str, Any]) -> Figure:
 
 
 def _animate(path: dict[str, Any], picture: Picture) -> None:
-    """The animation, one column wide at 144 dots an inch."""
+    """Save the animation, one column wide at 144 dots an inch."""
     with style():
         figure = Figure(figsize=(85 * MM, 105 * MM), layout="constrained")
         top, bottom = figure.subplots(2, 1, height_ratios=(1.7, 1.0))
@@ -122,7 +122,7 @@ def _animate(path: dict[str, Any], picture: Picture) -> None:
 
 
 def _methods(numbers: dict[str, Any]) -> Figure:
-    """Misses of the local methods along the path, shares of wrong feet, and time against error."""
+    """Return a figure of misses of the local methods on the path, fractions of wrong feet, and error against time."""
     with style():
         figure = Figure(figsize=(175 * MM, 68 * MM), layout="constrained")
         path, shares, times = figure.subplots(1, 3, width_ratios=(1.0, 1.15, 0.9))

@@ -1,4 +1,4 @@
-"""Radial errors of the best Bezier quarter circles, with their equal maxima, and how the fits converge.
+"""Radial errors of the best Bezier quarter circles, with their equal maxima, and the convergence of the fits.
 
 Numbers by quarter_circle's experiment.
 
@@ -30,7 +30,7 @@ _MARKS: dict[str, Any] = {"markersize": 3.6, "markeredgecolor": BLACK, "markered
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -50,7 +50,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_error(ax: Axes, fit: dict[str, Any]) -> None:
-    """The radial error in a power of ten, its equal maxima, and the levels that they reach."""
+    """Plot the radial error in a power of ten, its equal maxima, and the levels that they reach."""
     h = fit["error"]["value"]
     power = int(np.floor(np.log10(h)))
     unit = 10.0**power
@@ -89,7 +89,7 @@ def _draw_parameter(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _draw_excess(ax: Axes, fits: dict[str, Any]) -> None:
-    """By how much the distance is above that of the end, as a share of it."""
+    """Plot the excess of the distance over the final one, as a fraction of the final one."""
     for name in [name for name in _FITS if name in fits]:
         color, marker, line = _FITS[name]
         history = np.array(fits[name]["history"])

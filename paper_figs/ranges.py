@@ -1,4 +1,4 @@
-"""Cells that five ways to bound a polynomial keep: on the last level, level by level, and against the time they take.
+"""Cells that five ways to bound a polynomial keep: on the last level, level by level, and against time.
 
 Numbers by ranges' experiment.
 
@@ -25,14 +25,14 @@ _KINDS = {
     "modified_affine": ("modified affine", VERMILLION, "s", "--"),
     "bernstein": ("Bernstein", BLUE, "o", "-"),
 }
-# Places of the kinds beside each other.
+# Offsets of the kinds from each other along the axis.
 _SHIFTS = dict(zip(_KINDS, (-0.24, -0.12, 0.0, 0.12, 0.24), strict=True))
 # The surface whose levels are shown: the last one.
 _SHOWN = -1
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 

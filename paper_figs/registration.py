@@ -1,4 +1,4 @@
-"""An outline laid on another by the Hausdorff distance and by ICP: overlays, and the end of every starting angle.
+"""An outline registered to another by the Hausdorff distance and by ICP: overlays, and final distances by angle.
 
 Numbers by registration's experiment.
 
@@ -25,12 +25,12 @@ _LOOK: dict[str, tuple[str, dict[str, Any]]] = {
     "ours": ("jhd", {"color": BLUE, "marker": "o", "markersize": 4.5}),
     "icp_then_ours": ("jhd from the end of ICP", {"color": BLACK, "marker": "x", "markersize": 4.0}),
 }
-# Distances below this one are drawn at it: they are rounding.
+# Smaller distances are rounding errors, and are drawn here.
 _FLOOR = 1e-16
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -54,7 +54,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _legend(shown: Any) -> tuple[list[Any], list[str]]:
-    """Every name once."""
+    """Return handles and labels of all axes, each label once."""
     found = {}
     for ax in shown:
         handles, labels = ax.get_legend_handles_labels()
@@ -89,7 +89,7 @@ def _moved(points: np.ndarray, parameters: Any) -> np.ndarray:
 
 
 def _draw_pairs(ax: Axes, pairs: dict[str, Any]) -> None:
-    """The equal largest distances."""
+    """Draw the equal largest distances."""
     points, feet = np.asarray(pairs["points"]), np.asarray(pairs["feet"])
     for point, two in zip(points, feet, strict=True):
         for foot in two:

@@ -1,6 +1,7 @@
-"""Error against time of sampled, polygonal and proven distances; numbers by the experiment of the same name.
+"""Error against time of sampled, polygonal and proven distances.
 
-The stars are the gaps that jhd has proven at a tolerance of 1e-10 of the diagonal.
+Numbers by sampling_versus_proof's experiment. Stars are gaps that jhd has proven at a tolerance of 1e-10 of the
+diagonal.
 
 Caption: Error against time for four pairs of curves: samples in SciPy's k-d tree, polylines in shapely, and jhd (stars:
 certified gaps), all in both directions. The search of jhd is inside the compiled function (`jhd.searches_in_program`).
@@ -36,13 +37,13 @@ _STAR: dict[str, Any] = {"color": VERMILLION, "marker": "*", "markersize": 11, "
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
 
 def _figure(numbers: dict[str, Any]) -> Figure:
-    """One panel for each pair."""
+    """Return a figure with one panel for each pair."""
     with style():
         figure = Figure(figsize=(175 * MM, 128 * MM), layout="constrained")
         axes = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -62,13 +63,13 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw(ax: Axes, pair: dict[str, Any], chosen: float) -> None:
-    """Series of the peers, the tree's with the number of samples at its ends, and the proven gap."""
+    """Plot errors of the peers, for the tree with the number of samples at its ends, and the proven gap."""
     for method, line in _SERIES.items():
         entries = [entry for entry in pair["entries"] if entry["method"] == method]
         time, error = ([entry[key] for entry in entries] for key in ("seconds", "error"))
         ax.loglog(time, error, markersize=3.6, **line, **_EDGE)
         if method == "k-d tree":
-            # Where the line of the tolerance is close below the last marker, its label stands below the line.
+            # If the line of the tolerance is close below the last marker, the label stands below the line.
             drop = -22 if error[-1] < 30 * chosen else -11
             for entry, offset, ha in ((entries[0], (5, 3), "left"), (entries[-1], (-4, drop), "right")):
                 text, place = f"{entry['samples']} a segment", (entry["seconds"], entry["error"])

@@ -1,7 +1,6 @@
-"""Time, cells, memory and compilation against the number of segments; numbers by the experiment of the same name.
+"""Time, cells, memory and compilation against the number of segments; numbers by scaling's experiment.
 
-Times are those of the noisy pairs; they jump if the next larger compiled function is taken. The start alone is a plain
-call.
+Times are of the noisy pairs; they jump when the next larger compiled function is used. The start alone is a plain call.
 
 Caption: Time, cells, memory and compile time for 1 to 2000 segments, with the search inside the compiled function
 (`jhd.searches_in_program`). Lines join sizes that functions are compiled for; open marks are sizes that are padded to
@@ -66,13 +65,13 @@ _MB = 1e6
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
 
 def _figure(numbers: dict[str, Any]) -> Figure:
-    """Four panels over one axis."""
+    """Return a figure with four panels over one axis."""
     with style():
         figure = Figure(figsize=(175 * MM, 128 * MM), layout="constrained")
         axes = figure.subplots(2, 2, sharex=True)
@@ -100,7 +99,7 @@ def _draw_times(ax: Axes, entries: list[dict[str, Any]]) -> None:
 def _by_size(
     ax: Axes, entries: list[dict[str, Any]], values: list[float], line: dict[str, Any], padded: bool = True
 ) -> None:
-    """A line through the sizes that functions are compiled for, and open marks for padded sizes, off that line."""
+    """Plot a line through the sizes that functions are compiled for, and open marks off the line for padded sizes."""
     exact = np.array([not padded or entry["segments"] == entry["padded"] for entry in entries])
     count, y = np.array([entry["segments"] for entry in entries]), np.array(values)
     ax.loglog(count[exact], y[exact], **_MARK, **line)

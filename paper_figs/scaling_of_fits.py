@@ -27,7 +27,7 @@ _MARKS: dict[str, Any] = {"markersize": 3.6, "markeredgecolor": BLACK, "markered
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 

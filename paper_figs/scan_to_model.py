@@ -20,7 +20,7 @@ _LINES = {"before": (VERMILLION, "--", "s"), "after": (BLUE, "-", "o")}
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 

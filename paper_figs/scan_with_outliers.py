@@ -28,14 +28,14 @@ _MEASURES = {
     "quantile": (BLUE, "o", "-"),
 }
 _MARKS: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredgewidth": 0.5}
-# The scan that is shown has this fraction of outliers, or the nearest one to it.
+# The scan with the nearest fraction of outliers is shown.
 _SHOWN = 0.1
 _SAMPLES = 481
 _TICKS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -65,7 +65,7 @@ def _draw_places(ax: Axes, case: dict[str, Any]) -> None:
     for name, (color, _, line) in _MEASURES.items():
         curve = jhd.BSplineCurve.uniform(np.array(case["fits"][name]["control_points"]), closed=True).segments()
         points = np.asarray(curve(np.linspace(0.0, curve.count, _SAMPLES)))
-        # Two that agree are seen both: the lower one is broader.
+        # If two curves agree, both are seen: the lower one is broader.
         ax.plot(*points.T, color=color, linestyle=line, linewidth=3.2 if name == "mean" else 1.2)
     ax.set_aspect("equal")
     ax.axis("off")

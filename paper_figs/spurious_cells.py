@@ -1,4 +1,4 @@
-"""Cells that are kept but hold no point: where they lie, and what becomes of the published interval of the distance.
+"""Cells that are kept but hold no point: their locations, and their effect on the published interval.
 
 Numbers by spurious_cells' experiment.
 
@@ -27,12 +27,12 @@ _LINES = 241
 _RULES = {"paper": ("published rule", VERMILLION, -0.16), "safe": ("safe rule", BLUE, 0.16)}
 _TITLES = ("cells of $B$ without a point", "cells of $A$ without a point", "$A$ has no point")
 
-# What stands where a bar would, where a method gives no number.
+# Text instead of a bar, if a method gives no number.
 _NO_NUMBER = {"empty": "proven empty", "empty_surface": "proven empty", "existence_not_certified": "unverified"}
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -60,7 +60,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_cells(ax: Axes, pair: dict[str, Any], name: str, title: str) -> None:
-    """The kept cells of both surfaces in some layers, and the curves in which the first plane cuts the surfaces."""
+    """Draw the kept cells of both surfaces in some layers, and the sections of the surfaces with the first plane."""
     low, high = np.inf, -np.inf
     for layers, color in zip(pair["slices"], (BLUE, ORANGE), strict=True):
         for layer in layers:
@@ -91,7 +91,7 @@ def _draw_cells(ax: Axes, pair: dict[str, Any], name: str, title: str) -> None:
 
 
 def _draw_intervals(ax: Axes, pair: dict[str, Any], cells: list[int], name: str) -> None:
-    """Intervals by both rules against the number of cells; what has no upper end goes up to the border."""
+    """Draw intervals by both rules against the number of cells, up to the border if there is no upper end."""
     tops = [found["upper"] for rule in _RULES for found in pair[rule] if found["result"] not in _NO_NUMBER]
     top = 1.15 * max([x for x in tops if x is not None] + [pair["exact"] or 0.0])
     for rule, (_, color, shift) in _RULES.items():

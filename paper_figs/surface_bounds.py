@@ -22,7 +22,7 @@ _TITLES = {"parallel": "parallel tangent planes", "ridge": "two feet", "planes":
 _LINES: dict[str, dict[str, Any]] = {
     "Lipschitz": {"color": GRAY, "marker": "s"},
     "one foot": {"color": ORANGE, "marker": "D"},
-    # Larger and open, so that it shows where it equals the next one.
+    # Larger and open, so that it is seen if it equals the next one.
     "moving foot": {
         "color": GREEN,
         "marker": "^",
@@ -40,7 +40,7 @@ _LEAST = 1e-12
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -70,7 +70,7 @@ def _draw(ax: Axes, searches: dict[str, Any], goal: float) -> None:
 
 
 def _spread(count: np.ndarray) -> list[int]:
-    """Indices of the first and last entries and of some between, about evenly apart on a logarithmic axis."""
+    """Return indices of the first, the last and some entries between, about evenly apart on a logarithmic axis."""
     steps = np.unique(np.round(np.log2(count) * 2).astype(int), return_index=True)[1]
     return sorted({*map(int, steps), len(count) - 1})
 

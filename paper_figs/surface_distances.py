@@ -1,4 +1,4 @@
-"""Six pairs of shapes of different kinds: the one that holds the farthest place in the colors of its distance.
+"""Six pairs of shapes of different kinds: the shape with the farthest point, colored by its distance.
 
 Numbers by surface_distances's experiment.
 
@@ -23,14 +23,14 @@ import jhd
 from jhd._plot.colored import distances_at, pieces_of
 
 _COLUMNS = 3
-# From where pairs are seen, elevation and azimuth in degrees; the others from the side of the farthest place.
-# Share of a color that faces turned from the light lose: without, a constant distance has no shape.
+# Fraction of a color that faces turned from the light lose: otherwise a constant distance would show no shape.
 _SHADE, _SLIVER = 0.4, 1e-3
+# Elevation and azimuth of some views in degrees; other pairs are seen from the side of the farthest point.
 _VIEWS = {"sheet, moved sheet": (35, -60), "curve, sheet": (20, -55), "points, sheet": (35, -60)}
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers["pairs"]))
 
@@ -52,7 +52,7 @@ def _figure(pairs: list[dict[str, Any]]) -> Figure:
 
 
 def _draw(ax: Any, bar: Any, pair: dict[str, Any]) -> None:
-    """The colored shape and its color bar; of curves and points also the surface that distances are taken to."""
+    """Draw the colored shape and its color bar; for curves and points also the surface that distances are taken to."""
     a, b = shape(pair["a"]), shape(pair["b"])
     found = solution(pair["solution"])
     jhd.plot.distances(a, b, found, ax, color_bar=False)
@@ -81,7 +81,7 @@ def _draw(ax: Any, bar: Any, pair: dict[str, Any]) -> None:
 
 
 def _lit(ax: Any, a: Any, b: Any, top: float) -> np.ndarray:
-    """The colors of the faces of a shape by their distances, darker the more a face is turned from the light."""
+    """Return colors of the faces of a shape by their distances, darker if turned away from the light."""
     pieces = pieces_of(a)
     colors = colormaps["viridis"](np.mean(distances_at(pieces.points, b, top)[pieces.rows], axis=1) / top)
     first, second = (pieces.corners[:, k] - pieces.corners[:, 0] for k in (1, 2))
@@ -91,7 +91,7 @@ def _lit(ax: Any, a: Any, b: Any, top: float) -> np.ndarray:
     # From the left above the eye.
     azimuth, height = azimuth - 0.5, min(height + 0.6, 1.4)
     light = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
-    # Slivers beside the borders of patches have no direction.
+    # Slivers at the borders of patches have no direction.
     clear = length > _SLIVER * np.max(length)
     dark = np.where(clear, 1 - np.abs(normal @ light) / np.where(clear, length, 1.0), 0.0)
     colors[:, :3] *= 1 - _SHADE * dark[:, None]
@@ -99,7 +99,7 @@ def _lit(ax: Any, a: Any, b: Any, top: float) -> np.ndarray:
 
 
 def _text(pair: dict[str, Any]) -> str:
-    """The bounds and what they cost, and what samples say in the same time."""
+    """Return text with the bounds and their time, and the error and time of samples."""
     lower, upper = pair["solution"]["lower"], pair["solution"]["upper"]
     which = "h" if pair["directed"] else "H"
     tree = pair["samples"]
@@ -109,7 +109,7 @@ def _text(pair: dict[str, Any]) -> str:
 
 
 def _time(seconds: float) -> str:
-    """A time with one significant digit below a second, else with one decimal."""
+    """Return a time with one significant digit if it is below a second, else with one decimal."""
     return f"{seconds:.1f} s" if seconds >= 1 else f"{seconds:.1g} s"
 
 

@@ -1,4 +1,4 @@
-"""Six pairs of algebraic surfaces, each with the point where they are farthest from each other, its feet and the proof.
+"""Six pairs of algebraic surfaces, each with the farthest point, its feet and the bounds.
 
 Numbers by surface_gallery's experiment.
 
@@ -21,7 +21,7 @@ from matplotlib.patches import Patch
 import jhd
 
 _COLUMNS = 3
-# From where each pair is seen best: elevation and azimuth in degrees.
+# Elevation and azimuth of the view of each pair, in degrees.
 _VIEWS = {
     "two cones": (18, -52),
     "sphere, ellipsoid": (20, -60),
@@ -30,12 +30,12 @@ _VIEWS = {
     "Clebsch, Cayley cubic": (22, -35),
     "Barth sextic, sphere": (20, -45),
 }
-# Cells along an axis that surfaces are drawn from.
+# Cells along an axis for drawing surfaces.
 _CELLS, _SMOKE_CELLS = 64, 16
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers, _SMOKE_CELLS if picture.smoke else _CELLS))
 
@@ -72,7 +72,7 @@ def _handles() -> list[Any]:
 
 
 def _draw(ax: Any, pair: dict[str, Any], cells: int) -> None:
-    """Both surfaces in the box, with the witness and no ticks: lengths stand below."""
+    """Draw both surfaces in the box, with the witness and no ticks: lengths stand below."""
     a, b = (jhd.ImplicitSurface.parse(text, pair["lower"], pair["upper"]) for text in pair["polynomials"])
     jhd.plot.surfaces((a, b), ax, labels=(None, None), cells=cells, alpha=0.55)
     # Points of implicit surfaces have no parameters, which are stored as null.
@@ -93,12 +93,12 @@ def _draw(ax: Any, pair: dict[str, Any], cells: int) -> None:
 
 
 def _title(pair: dict[str, Any]) -> str:
-    """The names, and whether the search ended before its tolerance."""
+    """Return the names, with a note if the search ended before its tolerance."""
     return pair["name"] + ("" if pair["solution"]["result"] == "successful" else "; ended early")
 
 
 def _text(pair: dict[str, Any]) -> str:
-    """The distance with the proven error, or its bounds where they are apart, and the seconds."""
+    """Return the distance with its proven error, or its bounds if they differ by more than 2 %, and the seconds."""
     lower, upper = pair["solution"]["lower"], pair["solution"]["upper"]
     seconds = f"{pair['seconds']:.1f} s"
     if upper is None:

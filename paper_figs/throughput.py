@@ -1,4 +1,4 @@
-"""Pairs a second against the size of a batch; numbers by the experiment of the same name.
+"""Pairs a second against the size of a batch; numbers by throughput's experiment.
 
 Horizontal lines are single calls, pair by pair.
 
@@ -38,13 +38,13 @@ _TITLES = {"cubics": "two cubics", "splines": "two closed splines, 30 segments"}
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
 
 def _figure(numbers: dict[str, Any]) -> Figure:
-    """One panel for each kind of pairs."""
+    """Return a figure with one panel for each kind of pair."""
     with style():
         figure = Figure(figsize=(175 * MM, 78 * MM), layout="constrained")
         axes = figure.subplots(1, len(_TITLES), sharex=True, sharey=True)
@@ -66,7 +66,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw(ax: Axes, found: dict[str, Any]) -> None:
-    """The batches, and levels of single calls."""
+    """Plot the rates of batches, and levels of single calls."""
     size = [entry["size"] for entry in found["batches"]["batch"]]
     for way, rows in found["batches"].items():
         ax.loglog(size, [1 / entry["seconds"] for entry in rows], **_BATCHES[way], **_MARK)

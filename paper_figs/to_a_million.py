@@ -27,7 +27,7 @@ _ROWS = {
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -62,7 +62,7 @@ def _draw_plan(ax: Any, numbers: dict[str, Any]) -> None:
     plan, assumed = numbers["plan"], numbers["assumed"]
     values = [plan[name]["hours"] for name in _ROWS]
     names, colors = zip(*_ROWS.values(), strict=True)
-    # Points, as bars have no zero to begin at over powers of ten.
+    # Points, as a logarithmic axis has no zero for bars.
     ax.hlines(range(len(names)), 0, values, color="#C0C0C0", linewidth=0.8)
     ax.scatter(values, range(len(names)), 28, color=colors, zorder=3)
     ax.set_yticks(range(len(names)), names)

@@ -1,4 +1,4 @@
-"""A pair that loses its maximum where both curves are trimmed, and how often that happens.
+"""A pair that loses its maximum when both curves are trimmed, and the frequency of this loss.
 
 Numbers by two_sided_trimming's experiment.
 
@@ -6,8 +6,8 @@ Caption: A pair that loses its maximum when both curves are trimmed as published
 and the frequency of this loss. Of 150 pairs that differ in two bumps, 111 lose the maximum, by up to 99 % of the
 distance. No maximum is lost if only one curve is trimmed.
 
-Alt text: Four panels: two nearly equal curves with a bump in one of them, bold where they are kept; two profiles of the
-distance along each curve; and sorted ratios of the trimmed value to the distance for three families.
+Alt text: Four panels: two nearly equal curves with a bump in one of them, kept parts bold; two profiles of the
+distance along each curve; and sorted ratios of the trimmed value to the distance for three kinds of pairs.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ _FAMILIES: dict[str, dict[str, Any]] = {
     "unrelated": {"color": PURPLE, "marker": "^", "label": "unrelated"},
 }
 _MARK: dict[str, Any] = {"markersize": 3.4, "markeredgecolor": BLACK, "markeredgewidth": 0.4}
-# A ring about the maximum, so that the short part of the curve that is left there is seen; feet are dots.
+# A ring about the maximum, so that the short part of the curve that remains there is seen; feet are dots.
 _PLACE: dict[str, Any] = {
     "marker": "o",
     "markersize": 8,
@@ -39,7 +39,7 @@ _BOUND = "map"
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
@@ -69,7 +69,7 @@ def _segments(trial: dict[str, Any], name: str) -> jhd.BezierSegments:
 
 
 def _draw_pair(ax: Axes, trial: dict[str, Any]) -> None:
-    """Both curves: what is trimmed dashed, what is left bold; the true witness, and where the method ends."""
+    """Draw both curves (trimmed parts dashed, kept parts bold), the true witness, and the point found."""
     for k, (name, (color, label)) in enumerate(_CURVES.items()):
         curve, left = _segments(trial, name), trial["bounds"][_BOUND]["left"][k]
         t = np.linspace(0, curve.count, 400)
@@ -95,7 +95,7 @@ def _draw_pair(ax: Axes, trial: dict[str, Any]) -> None:
 
 
 def _draw_profile(ax: Axes, trial: dict[str, Any], k: int) -> None:
-    """The distance along one curve, what is left of it bold, LB, and the places of the maximum or of its feet."""
+    """Plot the distance along one curve, kept parts bold, LB, and the maximum or its feet."""
     profile, found = trial["profiles"][k], trial["bounds"][_BOUND]
     (color, _), left = _CURVES["ab"[k]], found["left"][k]
     t, distance = np.array(profile["t"]), np.array(profile["distance"])
@@ -118,14 +118,14 @@ def _draw_profile(ax: Axes, trial: dict[str, Any], k: int) -> None:
 
 
 def _witness(trial: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """The place of the maximum, once for each foot, and its feet."""
+    """Return the maximum, once for each foot, and its feet."""
     witness = trial["solution"]["witness"]
     feet = np.array(witness["feet"])
     return np.broadcast_to(witness["point"], feet.shape), feet
 
 
 def _wrong(trial: dict[str, Any]) -> np.ndarray:
-    """The place that the method ends with when both curves are trimmed, and its foot."""
+    """Return the point that the method finds when both curves are trimmed, and its foot."""
     found = trial["bounds"][_BOUND]["both"]
     curve, other = (_segments(trial, name) for name in ("ab" if found["curve"] == "a" else "ba"))
     x = np.asarray(curve.point(found["segment"], found["t"]))
@@ -144,7 +144,7 @@ def _draw_labels(ax: Axes, trial: dict[str, Any]) -> None:
 
 
 def _trimmed_feet(trial: dict[str, Any]) -> list[str]:
-    """For each foot whether it is trimmed."""
+    """Return a label for each foot: kept or trimmed."""
     witness = trial["solution"]["witness"]
     left = trial["bounds"][_BOUND]["left"][1 if witness["direction"] == "a_to_b" else 0]
     segment, t0, t1 = (np.array(left[key]) for key in ("segment", "t0", "t1"))
@@ -153,7 +153,7 @@ def _trimmed_feet(trial: dict[str, Any]) -> list[str]:
 
 
 def _draw_losses(ax: Axes, numbers: dict[str, Any]) -> None:
-    """For each family the values over the distances, in order."""
+    """Plot the sorted ratios of values to distances for each kind of pair."""
     for family, line in _FAMILIES.items():
         trials = numbers["trials"][family]
         share = np.sort([x["bounds"][_BOUND]["both"]["value"] / x["solution"]["value"] for x in trials])

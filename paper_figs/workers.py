@@ -1,4 +1,4 @@
-"""Pairs a second and CPU time a pair against the number of workers; numbers by the experiment of the same name.
+"""Pairs a second and CPU time a pair against the number of workers; numbers by workers' experiment.
 
 The horizontal line is a plain loop of calls.
 
@@ -27,7 +27,7 @@ _MARK: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredg
 
 
 def main() -> None:
-    """Loads and draws."""
+    """Draw and save the figure."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
 
