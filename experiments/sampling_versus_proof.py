@@ -9,7 +9,7 @@ For each pair the two-sided Hausdorff distance is computed by
   distances from the vertices of each line (with densify also from three points on every edge) to the other line. It
   misses maxima between these points. It also ignores the gap between a curve and its chords, which densify does not
   reduce;
-- `jhd.hausdorff` within jax.jit, with the search compiled into the function (`jhd.searches_in_program`), at tolerances
+- `jhd.hausdorff` within jax.jit, with the search compiled into the function (`jhd.inline_searches`), at tolerances
   from 1e-2 to 1e-12 of the diagonal.
 
 Errors are measured against the bounds proven at the last tolerance. The unit of errors and gaps is the diagonal of the
@@ -74,7 +74,7 @@ class Pair(NamedTuple):
         return jhd.BranchAndBound(atol=jnp.asarray(tolerance * self.diagonal))
 
 
-@jhd.searches_in_program()
+@jhd.inline_searches()
 def main() -> None:
     """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)

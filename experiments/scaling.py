@@ -72,7 +72,7 @@ def _two_sided(a: jhd.BezierSegments, b: jhd.BezierSegments) -> jhd.HausdorffSol
     return jhd.hausdorff(a, b)
 
 
-@jhd.searches_in_program()
+@jhd.inline_searches()
 def main() -> None:
     """Compute, save and print."""
     run = Run(__file__, __doc__, one_core=True)
@@ -208,7 +208,7 @@ def report_peaks(count: int, options: dict[str, Any] | None = None) -> None:
     before, pair = _peak(), _refined(count)
     _two_sided(*pair)
     plain = _peak()
-    with jhd.searches_in_program():
+    with jhd.inline_searches():
         jax.block_until_ready(jax.jit(_two_sided, compiler_options=options)(*pair))
     print(json.dumps({"plain, peak": plain - before, "both, peak": _peak() - before}))
 

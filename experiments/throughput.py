@@ -4,7 +4,7 @@ Random pairs of two kinds: single cubics, with normal control points; and closed
 two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, proven to 1e-10 of the diagonal,
 
 - of a batch of 1 to 1 024 pairs (64 to 8 192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
-- in such a batch with the search compiled into the function (`jhd.searches_in_program`), as always on an accelerator;
+- in such a batch with the search compiled into the function (`jhd.inline_searches`), as always on an accelerator;
 - one by one, by one compiled function;
 - one by one, by plain calls.
 
@@ -107,7 +107,7 @@ def _measured(run: Run, pairs: list[Pair], batches: tuple[int, ...]) -> dict[str
     ways = {"batch": False} | ({"batch in the program": True} if jax.default_backend() == "cpu" else {})
     calls: dict[Any, Callable[[], Any]] = {
         **{
-            (way, n): jhd.searches_in_program(inside)(lambda stacked=stacked: [batch(*part) for part in stacked])
+            (way, n): jhd.inline_searches(inside)(lambda stacked=stacked: [batch(*part) for part in stacked])
             for way, inside in ways.items()
             for n, stacked in parts.items()
         },

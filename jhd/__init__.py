@@ -48,7 +48,7 @@ shrinks.
 
 **Can I use it inside `jit`, `vmap` and `grad`?** Yes. On CPUs the compiled function calls the search on the host, which
 keeps its compiled searches on disk; a batch uses all cores. On GPUs searches for points and curves, and for two
-implicit surfaces, become part of the compiled function; `searches_in_program` has the same effect on CPUs, for example
+implicit surfaces, become part of the compiled function; `inline_searches` has the same effect on CPUs, for example
 for `jax.export`. Shapes may be arguments, closed over, or built inside.
 
 **How do I fit in my own loop, for example with optax?** To noisy points, minimize the mean square of
@@ -156,7 +156,7 @@ from jhd._results.solution import (  # noqa: E402
     StationaryPoints,
     Witness,
 )
-from jhd._runtime.compiled import searches_in_program  # noqa: E402
+from jhd._runtime.compiled import inline_searches  # noqa: E402
 from jhd._shapes import (  # noqa: E402
     Approximation,
     BezierCurve,
@@ -267,7 +267,7 @@ __all__ = [
     "distance_profile",
     "project",
     "pivot_distances",
-    "searches_in_program",
+    "inline_searches",
     "signed_distance",
     "signed_distance_transform",
     "soft_hausdorff",

@@ -259,6 +259,7 @@ def _parser() -> argparse.ArgumentParser:
     verify.add_argument("file", metavar="FILE", help="certificate, written by jhd hausdorff or jhd minimum")
     both = "both shapes, each a SHAPE, to compare with the shapes of the certificate (default: none)"
     verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help=both)
+    verify.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
     verify.add_argument("--max-seconds", type=float, metavar="S", help="time limit in seconds (default: none)")
 
     _add_others(commands)

@@ -4,7 +4,7 @@ Numbers by sampling_versus_proof's experiment. Stars are gaps that jhd has prove
 diagonal.
 
 Caption: Error against time for four pairs of curves: samples in SciPy's k-d tree, polylines in shapely, and jhd (stars:
-certified gaps), all in both directions. The search of jhd is inside the compiled function (`jhd.searches_in_program`).
+certified gaps), all in both directions. The search of jhd is inside the compiled function (`jhd.inline_searches`).
 For two closed splines of 90 control points, both directions are certified in 1.3 ms (star in (a)). One direction alone
 (not drawn) takes less than a millisecond; the tree with 400 samples a segment takes more than 250 times as long, with
 an error of 1e-9 in one direction and 1e-6 in the other.

@@ -3,7 +3,7 @@
 Times are of the noisy pairs; they jump when the next larger compiled function is used. The start alone is a plain call.
 
 Caption: Time, cells, memory and compile time for 1 to 2000 segments, with the search inside the compiled function
-(`jhd.searches_in_program`). Lines join sizes that functions are compiled for; open marks are sizes that are padded to
+(`jhd.inline_searches`). Lines join sizes that functions are compiled for; open marks are sizes that are padded to
 the next one. 2000 x 2000 segments are certified to 1e-10 of the diagonal in less than a tenth of a second in each
 direction, with fewer than n + 64 cells for n segments and less than 1 GB of memory. Above 384 segments the search runs
 in blocks, whose tables are smaller. Tracing and compiling take 10 to 20 s.

@@ -4,7 +4,7 @@ Horizontal lines are single calls, pair by pair.
 
 Caption: Pairs a second in batches of 1 to 1024 under vmap, on two CPU cores; horizontal lines show one call per pair.
 Batches use both cores: from 256 pairs on they are at least three times as fast as compiled calls one by one for single
-cubics, and twice for curves of 30 segments. With the search inside the compiled function (`jhd.searches_in_program`) a
+cubics, and twice for curves of 30 segments. With the search inside the compiled function (`jhd.inline_searches`) a
 batch uses one core.
 
 Alt text: Two log-log panels, for cubics and for splines of 30 segments. Two rising lines show pairs a second against

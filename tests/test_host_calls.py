@@ -62,9 +62,9 @@ def test_a_scan_calls_the_host_at_each_step():
 def test_the_search_is_in_the_program_only_where_that_is_asked_for():
     function = lambda x: jhd.minimum_distance(*_pair(x)).value  # noqa: E731
     assert "buffer_callback" in str(jax.make_jaxpr(function)(_ROWS[0]))
-    with jhd.searches_in_program():
+    with jhd.inline_searches():
         assert "callback" not in str(jax.make_jaxpr(function)(_ROWS[0]))
-        with jhd.searches_in_program(False):
+        with jhd.inline_searches(False):
             assert "buffer_callback" in str(jax.make_jaxpr(function)(_ROWS[0]))
 
 
@@ -117,7 +117,7 @@ def test_stationary_points_have_the_derivatives_of_differences():
 @pytest.mark.parametrize("entry", sorted(_ENTRIES))
 def test_the_host_and_the_program_give_the_same_answers(entry):
     here = jax.jit(lambda x: _ENTRIES[entry](x))(_ROWS[0])
-    with jhd.searches_in_program():
+    with jhd.inline_searches():
         inside = jax.jit(lambda x: _ENTRIES[entry](x))(_ROWS[0])
     jax.tree_util.tree_map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-9, atol=1e-9), here, inside)
 
@@ -131,7 +131,7 @@ def test_implicit_surfaces_are_searched_on_the_host_too():
 
 @pytest.mark.slow
 def test_a_function_whose_searches_are_in_the_program_can_be_exported():
-    with jhd.searches_in_program():
+    with jhd.inline_searches():
         exported = jax.export.export(jax.jit(_ENTRIES["minimum"]))(_ROWS[0])
     np.testing.assert_allclose(exported.call(_ROWS[0]), jax.jit(_ENTRIES["minimum"])(_ROWS[0]), atol=1e-12)
 

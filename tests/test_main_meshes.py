@@ -80,6 +80,9 @@ def test_the_minimum_distance_of_meshes_has_one_too(run):
     assert status == 0 and "proof      " in out
     status, out, _ = run("verify", "m.json")
     assert status == 0 and " <= d(A, B) <= " in out
+    status, _, err = run("verify", "m.json", "a.ply", "x**2 + y**2 + z**2 - 1", "--box", "-2", "2")
+    assert status == 4 and "B is another shape" in err
+    assert "no shape is not one" in run("verify", "m.json", "--box", "-2", "2")[2]
     status, _, err = run("minimum", "a.ply", "b.obj", "--certificate", "m.json", "--threshold", "1")
     assert status == 2 and "--certificate: with --threshold" in err
 

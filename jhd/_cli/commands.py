@@ -23,13 +23,12 @@ from jhd._cli.comparisons import hausdorff as hausdorff
 from jhd._cli.comparisons import minimum as minimum
 from jhd._cli.comparisons import project as project
 from jhd._cli.console import busy, device, exit_status, json_text, paced, precision, timed
-from jhd._cli.options import box_of, check_writable, curve_of, kind_of, shape_of
+from jhd._cli.options import box_of, check_writable, curve_of, kind_of, read_shapes, shape_of
 from jhd._cli.output import print_files
 from jhd._cli.report import check_picture_file, names_of, picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
 from jhd._distance.certificate.verification import UncheckedCertificateError, sentence
 from jhd._io.certificates import verify_file
-from jhd._io.load import load_shape
 from jhd._io.meshes import MESH_SUFFIXES
 from jhd._results.solution import HausdorffSolution, name_of
 from jhd._runtime import storage
@@ -114,7 +113,7 @@ def verify(options: Namespace) -> int:
     """Check a certificate in exact arithmetic, optionally for given shapes, and print the proven bounds."""
     if len(options.shapes) not in (0, 2):
         raise ValueError(f"shapes after the certificate: {len(options.shapes)}; needs both shapes, or none.")
-    shapes = [load_shape(text) for text in options.shapes]
+    shapes = read_shapes(dict(zip("AB", options.shapes, strict=False)), options.box)
     start = time.perf_counter()
     try:
         with busy("checking") as show:

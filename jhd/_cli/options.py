@@ -32,18 +32,19 @@ def shapes_of(options: Namespace) -> tuple[Any, Any]:
     Raises:
         ValueError: the box is invalid or there is no polynomial for it, or a text is no polynomial (with the column).
     """
-    a, b = _read({"A": options.a, "B": options.b}, options.box)
+    a, b = read_shapes({"A": options.a, "B": options.b}, options.box)
     return a, b
 
 
 def shape_of(options: Namespace) -> Any:
     """The shape of a command that takes one, read in the same way."""
-    return _read({"SHAPE": options.shape}, options.box)[0]
+    return read_shapes({"SHAPE": options.shape}, options.box)[0]
 
 
-def _read(texts: dict[str, str], box: list[float] | None) -> list[Any]:
+def read_shapes(texts: dict[str, str], box: list[float] | None) -> list[Any]:
+    """The shapes that texts name, by the names that errors use."""
     shapes = [read_shape(name, text, box) for name, text in texts.items()]
-    check_box(box, shapes, f"neither {' nor '.join(texts)} is one" if len(texts) > 1 else f"{min(texts)} is not one")
+    check_box(box, shapes, f"neither {' nor '.join(texts)} is one" if len(texts) > 1 else f"{min(texts, default='no shape')} is not one")
     return shapes
 
 

@@ -37,7 +37,7 @@ def directed_hausdorff(
     The result refers to the stored numbers (Bezier segments, coefficients, triangles), taken as real numbers.
 
     Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. On CPUs the
-    compiled function calls the search on the host (see `searches_in_program`). Meshes, parametric surfaces and mixed
+    compiled function calls the search on the host (see `inline_searches`). Meshes, parametric surfaces and mixed
     pairs are searched on the host on all devices.
 
     The value is differentiable twice in all arrays of both shapes. `jax.grad` of a function of a curve or a surface

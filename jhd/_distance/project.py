@@ -44,7 +44,7 @@ def project(
       can be off by as much there.
 
     Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. On CPUs the
-    compiled function calls the search on the host (see `searches_in_program`). Surfaces are searched on the host on all
+    compiled function calls the search on the host (see `inline_searches`). Surfaces are searched on the host on all
     devices.
 
     >>> import jhd
@@ -103,7 +103,7 @@ def stationary_points(points: Numbers, curve: ShapeLike, *, capacity: int = 32, 
     separate an enclosure from one with a root, it is kept, although it may hold none.
 
     Distances and parameters are differentiable twice in the points and in the curve; `lower` and `upper` are constants.
-    On GPUs and in `searches_in_program`, queries are scaled together: enclosures become wide if another query is 1e150
+    On GPUs and in `inline_searches`, queries are scaled together: enclosures become wide if another query is 1e150
     times as far away.
 
     >>> import jhd

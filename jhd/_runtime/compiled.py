@@ -71,7 +71,7 @@ def asking(permission: Callable[[], object]) -> Iterator[None]:
 
 
 @contextmanager
-def searches_in_program(enabled: bool = True) -> Iterator[None]:
+def inline_searches(enabled: bool = True) -> Iterator[None]:
     """Compile searches into the functions that are traced in this context, instead of calling them on the host.
 
     On CPUs a function under `jax.jit` calls distances, their decisions, `project` and `stationary_points` on the host.
@@ -86,7 +86,7 @@ def searches_in_program(enabled: bool = True) -> Iterator[None]:
     >>> import jax
     >>> import jhd
     >>> circle, segment = jhd.circle([0, 0], 1.0), jhd.polyline([(0, 3), (1, 3)])
-    >>> with jhd.searches_in_program():
+    >>> with jhd.inline_searches():
     ...     value = jax.jit(lambda shape: jhd.minimum_distance(shape, segment).value)(circle)
     >>> round(float(value), 9)
     2.0
@@ -184,7 +184,7 @@ class _Plain:
         )
         if kinds not in self._kinds:
             _ask()
-        with searches_in_program():
+        with inline_searches():
             if sum(getattr(x, "nbytes", 0) for x in leaves) > _LARGE and not _is_watched() and _usual(leaves):
                 result = self._with_room(program, kinds, leaves, args)
             else:
@@ -266,7 +266,7 @@ class _Kept:
         try:
             kinds = [(x.shape, np.dtype(x.dtype), x.weak_type) for x in like]
             # One name serves both devices, and calls in either context.
-            with jax.default_device(None), searches_in_program():
+            with jax.default_device(None), inline_searches():
                 context: Any = trace_context()  # pyright: ignore[reportOptionalCall]
                 name = name_of_program(self._function, tree, kinds, context, (constants, self._level))
         except NotKeptError as error:
@@ -299,7 +299,7 @@ class _Kept:
         flat.__name__ = short_name(name).replace("-", "_")
         program = jax.jit(flat, compiler_options=_options(self._level))
         # An executable that calls the host cannot be kept.
-        with _uncollected(), searches_in_program():
+        with _uncollected(), inline_searches():
             return program.lower(*like).compile(), made
 
 

@@ -308,7 +308,7 @@ def check():
 assert len(jax.devices()) == 2
 check()
 missed.clear()
-with jhd.searches_in_program():
+with jhd.inline_searches():
     check()
 print(len(missed))
 """
