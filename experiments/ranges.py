@@ -8,7 +8,8 @@ for the range alone, on cells about the surface, and for a whole voxelization at
 
 Claims: Bernstein coefficients keep the fewest cells on every surface, at most 3 % more than are proven to hold a point.
 Modified affine arithmetic keeps 3 to 34 % more than proven, the power form of interval arithmetic up to nine times as
-many. A Bernstein range takes up to twice as long as one of modified affine arithmetic, a voxelization about as long.
+many. A Bernstein range takes at most twice as long as one of modified affine arithmetic, and a voxelization at most
+1.5 times as long.
 
 Feeds: figure "ranges" and its table.
 Takes: 4 minutes.

@@ -17,10 +17,10 @@ box of both curves. Samples and lines are made beforehand and not timed. All run
 medians, warm.
 
 Claims: one direction of the closed curves, proven to 1e-10 of the diagonal, takes less than 1 ms within jax.jit. It is
-at least 250 times faster than the k-d tree with 400 samples a segment (0.8 ms and 375 times in one run). The error of
-the tree is then 1e-9 of the diagonal in one direction, with an antipodal maximum, and 1e-6 in the other, with a
-one-to-two maximum. No sampling method gets below 1e-10 on any pair; its error falls unsteadily, depending on the
-maximum's position between samples. On a pair of single segments, samples are faster than the proof if 1e-5 is enough.
+at least 250 times faster than the k-d tree with 400 samples a segment. The error of the tree is then 1e-9 of the
+diagonal in one direction, with an antipodal maximum, and 1e-6 in the other, with a one-to-two maximum. No sampling
+method gets below 1e-10 on any pair; its error falls unsteadily, depending on the maximum's position between samples. On
+a pair of single segments, samples are faster than the proof if 1e-5 is enough.
 
 Feeds: figure and tables "sampling versus proof".
 Takes: 3 minutes, 2 once compiled.

@@ -3,11 +3,11 @@
 Numbers by algsurf_table's experiment.
 
 Caption: The two cones of the paper: width of the interval against time, the intervals, cells kept on each level, and
-pairs a second. The printed interval [sqrt(17/32), sqrt(103/128)] belongs to 64 cells along the box, whose edge is 1/16;
-a tolerance of 1/64, as printed, would need 256 cells. The branch and bound of jhd proves (sqrt(43) - 4) / 3 to eleven
+pairs a second. The printed interval [sqrt(17/32), sqrt(103/128)] belongs to 64 cells along the box, whose edge is 1/16.
+The printed tolerance of 1/64 is the edge of 256 cells. The branch and bound of jhd proves (sqrt(43) - 4) / 3 to eleven
 digits in less than a second.
 
-Alt text: Four panels: interval width against time, where jhd drops to 1e-12 within a second; vertical interval bars
+Alt text: Four panels: interval width against time, where jhd drops below 1e-11 within a second; vertical interval bars
 that shrink around the exact distance; excess cells by level; and three bars of pairs of cells a second.
 """
 

@@ -3,8 +3,9 @@
 Numbers by first_call's experiment.
 
 Caption: CPU seconds of the first call of a process by phase: without a cache on disk, with a cold (empty) cache, and
-with a warm cache. With a warm cache, distances and a gradient take about a tenth and a fit a fifth of the time without
-a cache, with bitwise identical bounds. Functions under jax.jit are not cached.
+with a warm cache. With a warm cache, distances and a gradient take less than a fifth, a fit less than a quarter and
+functions under jax.jit, which call the kept search, less than 0.35 of the time without a cache. Bounds are bitwise
+identical.
 
 Alt text: Stacked horizontal bars in nine groups of three, one bar each without a cache, with a cold cache and with a
 warm cache. In most groups the warm bars are by far the shortest.

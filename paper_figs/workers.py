@@ -7,7 +7,7 @@ devices; the horizontal line is a plain loop of calls. Results are bitwise ident
 workers, at less than a quarter of the CPU time of the loop.
 
 Alt text: Two line plots against one to eight workers. Pairs a second rise from one to two workers and then level off;
-the CPU time of a pair stays near 0.7 ms, far below the line of the plain loop.
+the CPU time of a pair stays level, far below the line of the plain loop.
 """
 
 from typing import Any

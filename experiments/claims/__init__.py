@@ -1,8 +1,8 @@
 """The claim of each experiment, asserted on its numbers as it ends: `check_NAME` for experiments/NAME.py.
 
-Claims about bounds, errors, counts and orders hold for any run, also for smoke runs. Claims about seconds hold for a
-full run on a quiet machine; most of them are only stated in the experiments' docstrings. Claims about all inputs are
-asserted for the inputs of a run.
+Claims about bounds, errors, counts and orders hold for any run, also for smoke runs. Claims about seconds and their
+ratios are asserted for full runs only, with room for a busy machine. Claims about all inputs are asserted for the
+inputs of a run. A measured number that is not asserted here belongs in no docstring and no caption.
 """
 
 import json

@@ -12,6 +12,7 @@ def check_fit_quadric(numbers):
         first, last = numbers["ends"]
         assert all(end["upper"] - end["lower"] < 1e-9 for end in numbers["ends"])
         assert round(1 - last["upper"] / first["lower"], 2) == 0.22
+        assert [round(end["value"], 2) for end in numbers["ends"]] == [0.18, 0.14]
         assert numbers["counts"]["evaluations"] < 40 and numbers["optimality"] < 1e-8
 
 
@@ -93,7 +94,13 @@ def check_degree_reduction(numbers):
         others = [ratios[name] for name in ("least squares", "projected least squares", "Chamfer")]
         assert min(others) > (1.09 if full(numbers) else 1.08)
     assert fewer <= len(numbers["cases"]) / 12
-    assert not full(numbers) or len(numbers["cases"]) == 24
+    if full(numbers):
+        assert len(numbers["cases"]) == 24
+        everything = [case["methods"] for case in numbers["cases"]]
+        ours = sum(methods["ours"]["seconds"] for methods in everything)
+        for name in ("Chamfer", "soft Hausdorff"):
+            spent = [sum(methods[name][key] for methods in everything) for key in ("seconds", "search_seconds")]
+            assert spent[0] < ours / 2 and spent[1] < 2 * ours, name
 
 
 def check_outline_fit(numbers):
@@ -167,6 +174,9 @@ def check_scaling_of_fits(numbers):
         assert last["vertices"] == 100_000 and last["step"] / first["step"] < last["vertices"] / first["vertices"] / 10
         before, after = numbers["by_segments"][-2:]
         assert before["points"] == 120 and after["step"] / before["step"] > after["points"] / before["points"]
+        searched = [case for case in numbers["by_vertices"] if case["all"] is not None]
+        slow, fast = searched[-1], searched[0]
+        assert slow["vertices"] > fast["vertices"] and slow["all"] / fast["all"] > slow["vertices"] / fast["vertices"]
 
 
 def check_latent_shapes(numbers):

@@ -44,7 +44,11 @@ def shape_of(options: Namespace) -> Any:
 def read_shapes(texts: dict[str, str], box: list[float] | None) -> list[Any]:
     """The shapes that texts name, by the names that errors use."""
     shapes = [read_shape(name, text, box) for name, text in texts.items()]
-    check_box(box, shapes, f"neither {' nor '.join(texts)} is one" if len(texts) > 1 else f"{min(texts, default='no shape')} is not one")
+    check_box(
+        box,
+        shapes,
+        f"neither {' nor '.join(texts)} is one" if len(texts) > 1 else f"{min(texts, default='no shape')} is not one",
+    )
     return shapes
 
 
