@@ -19,7 +19,7 @@ from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.curve import circle, point_set, polyline
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import BezierPatch
-from tests.distance.test_families import implicit, sphere
+from tests.distance.test_families import sphere
 from tests.sweeps import swept
 
 # A cubic that rises to 0.75 at its middle, where its curvature is 6.
@@ -216,7 +216,7 @@ def test_a_method_holds_the_options_and_not_both_are_given():
 
 
 def test_the_time_limit_ends_a_search_with_the_bounds_reached():
-    a, b = (implicit(f"x**2 + y**2 + z**2 - {r}") for r in (1.0, 2.25))
+    a, b = circle([0, 0], 1.0), circle([0, 0], 1.5)
     hard = {"method": BranchAndBound(atol=1e-14, max_steps=10**6), "max_seconds": 1e-3, "throw": False}
     for entry in (minimum_distance, directed_hausdorff):
         found = entry(a, b, **hard)

@@ -84,8 +84,7 @@ class _CurveQuery(eqx.Module):
     whole: Array  # lower bounds of the segments not yet cut, inf where cut
     cells: _SegmentCell  # the stack; a free slot has lower = inf
     best: NearestOnCurve
-    settled: Array  # smallest lower bound of the cells that were closed
-    overflowed: Array  # whether a cell had to be closed for want of room
+    settled: Array  # smallest lower bound of the cells that were closed, or found no room
     steps: Array
 
 
@@ -117,7 +116,6 @@ def nearest(
         cells=_SegmentCell(jnp.zeros((_CAPACITY,), int), jnp.full((_CAPACITY, 4), jnp.inf, point.dtype)),
         best=best_end(offsets),
         settled=jnp.array(jnp.inf, point.dtype),
-        overflowed=jnp.array(False),
         steps=jnp.array(0),
     )
 
@@ -140,7 +138,6 @@ def nearest(
             _SegmentCell(state.cells.segment, numbers),
             state.best,
             state.settled,
-            state.overflowed,
             state.steps + 1,
         )
         return _cut(state, cell, offsets[segment], None if weights is None else weights[segment], tolerance)
@@ -148,7 +145,7 @@ def nearest(
     state = jax.lax.while_loop(unfinished, step, varying(state, offsets, weights, tolerance))
     lower = jnp.minimum(jnp.minimum(_open_lower(state), state.settled), state.best.upper)
     # Cells of a few ulp are settled with the bounds they have, which are wide if weights are very uneven.
-    closed = (lower >= state.best.upper - _SETTLED * tolerance) & ~state.overflowed
+    closed = lower >= state.best.upper - _SETTLED * tolerance
     closed &= _open_lower(state) >= state.best.upper - tolerance
     return eqx.tree_at(
         lambda n: (n.lower, n.closed, n.steps), state.best, (jnp.maximum(lower, 0.0), closed, state.steps)
@@ -288,5 +285,4 @@ def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tole
     segments = jnp.where(here[0] | here[1], cell.segment, state.cells.segment)
     numbers = jnp.where(here[1][:, None], halves[1], jnp.where(here[0][:, None], halves[0], state.cells.numbers))
     settled = jnp.minimum(state.settled, jnp.min(jnp.where(keep & room, jnp.inf, lower)))
-    overflowed = state.overflowed | jnp.any(keep & ~room)
-    return _CurveQuery(state.whole, _SegmentCell(segments, numbers), best, settled, overflowed, state.steps)
+    return _CurveQuery(state.whole, _SegmentCell(segments, numbers), best, settled, state.steps)
