@@ -203,7 +203,7 @@ def check_first_call(numbers):
         # JAX itself caches functions of the caller's own jit; the search that they call is kept.
         if name.startswith("jit"):
             assert second["read"] > 0 and second["compiled"] > 0
-            assert not full(numbers) or second["seconds"] < 0.35 * without["seconds"], name
+            assert not full(numbers) or second["seconds"] < 0.4 * without["seconds"], name
         else:
             assert second["read"] > 0 and second["compiled"] < first["compiled"] and first["phases"]["writing"] > 0
             fraction = second["seconds"] / without["seconds"]
