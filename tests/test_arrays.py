@@ -85,10 +85,11 @@ class Frame:
         return np.eye(2)
 
 
-class Tensor(Frame):
+class Tensor:
     """A tensor with a gradient, as those of PyTorch."""
 
-    to_numpy = property()  # pyright: ignore[reportAssignmentType]
+    def __array__(self, dtype=None, copy=None):
+        return np.eye(2)
 
     def detach(self):
         return self

@@ -91,7 +91,7 @@ def minimum_distance(
             BranchAndBound.
         throw: whether to raise NotProvenError if the bounds do not close; by default True.
         max_seconds: wall time in seconds after which the search ends with the bounds reached (RESULTS.out_of_time); by
-            default no limit. It does not end a compilation, and is ignored under jit.
+            default no limit. It does not end a compilation or the projection of points, and is ignored under jit.
         progress: a function that is called with a Progress from time to time; ignored under jit. Ctrl-C ends the search
             with the bounds reached and RESULTS.interrupted.
 

@@ -78,12 +78,14 @@ class AbstractResult(eqx.Module):
         bounded = _bounded(self)
         lower, upper = (getattr(bounded, name, np.empty(2)) for name in _ENDS)
         if is_traced(lower, upper) or np.ndim(lower) or np.ndim(upper):
-            raise TypeError(f"a number format needs one number; this {type(self).__name__} is traced or holds several.")
+            raise TypeError(
+                f"a number format needs one number; this {type(self).__name__} holds several, none or a tracer."
+            )
         return interval_text(lower, upper, spec)
 
     def _compared(self, other: object) -> NoReturn:
         # Bounds may overlap, so there is no order.
-        numbers = [name for name in _SHOWN[:8] if getattr(self, name, None) is not None]
+        numbers = [name for name in _SHOWN[:8] if not isinstance(getattr(self, name, ""), str | None)]
         ask = f"compare its {' or '.join(numbers)}; for distances use hausdorff_at_most or minimum_at_most"
         raise TypeError(f"a {type(self).__name__} is not a number: {ask}.")
 

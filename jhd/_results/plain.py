@@ -18,7 +18,8 @@ def stored_fields(value: eqx.Module) -> list[str]:
 def to_plain(value: Any) -> Any:
     """A result as nested dictionaries, lists, numbers and names, ready for JSON; non-finite numbers become None."""
     if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
-        return names_of(value)
+        names = names_of(value)
+        return names if isinstance(names, str) else np.reshape(names, value._value.shape).tolist()
     if isinstance(value, eqx.Module):
         return {name: to_plain(getattr(value, name)) for name in stored_fields(value)}
     if isinstance(value, dict):

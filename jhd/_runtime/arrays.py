@@ -104,8 +104,11 @@ def bare_array(name: str, value: Any) -> np.ndarray:
         TypeError: a table or tensor of another package, or an array with masked entries, or rows of which one is such.
         ValueError: an array with a unit; ragged nesting.
     """
-    for rows in value if isinstance(value, list | tuple) else (value,):
-        _check_foreign(name, rows)
+    several = value if isinstance(value, list | tuple) else (value,)
+    kinds = set(map(type, several))
+    for kind in kinds:
+        _check_foreign(name, kind)
+    for rows in several if any(issubclass(kind, np.ndarray) for kind in kinds) else ():
         if isinstance(rows, np.ma.MaskedArray) and np.ma.is_masked(rows):
             count = int(np.ma.count_masked(rows))
             raise TypeError(f"{name} has a mask with {count} hidden entries; remove them first (np.ma.compress_rows).")
@@ -118,22 +121,22 @@ def bare_array(name: str, value: Any) -> np.ndarray:
         raise ValueError(f"{name} must be a rectangular array of numbers; its rows differ in length.") from error
 
 
-def _check_foreign(name: str, value: Any) -> None:
-    """Raises TypeError, with the conversion to call, for a table or tensor whose columns have names or a gradient."""
-    if isinstance(value, np.ndarray | np.generic | jax.Array | list | tuple | float | int):
+def _check_foreign(name: str, kind: type) -> None:
+    """Raise TypeError, with the conversion to call, for a table or tensor whose columns have names or a gradient."""
+    if issubclass(kind, np.ndarray | np.generic | jax.Array | list | tuple | float | int):
         return
     for method, call in _CONVERSIONS.items():
-        if hasattr(value, method):
-            kind = f"{type(value).__module__.partition('.')[0]}.{type(value).__qualname__}"
-            raise TypeError(f"{name} is a {kind}, not an array; pass its {call}.")
+        if hasattr(kind, method):
+            whole = f"{kind.__module__.partition('.')[0]}.{kind.__qualname__}"
+            raise TypeError(f"{name} is a {whole}, not an array; pass its {call}.")
 
 
 def real_array(name: str, value: Any) -> Array:
     """The value as a floating-point array of the default precision; tracers and derivatives pass through.
 
     Raises:
-        TypeError: not numbers, or complex ones.
-        ValueError: ragged nesting, a mask, a unit, or an entry that is not finite (not checked under tracing).
+        TypeError: not numbers, complex ones, a mask, or a table or tensor of another package.
+        ValueError: ragged nesting, a unit, or an entry that is not finite (not checked under tracing).
     """
     if isinstance(value, Tracer):
         if jnp.issubdtype(value.dtype, jnp.complexfloating):

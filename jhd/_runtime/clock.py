@@ -30,11 +30,12 @@ class Clock:
     """
 
     def __init__(self, seconds: float | None = None):
-        if seconds is not None and not hasattr(seconds, "__float__"):
-            raise TypeError(f"max_seconds must be a number; got {seconds!r}.")
-        if seconds is not None and not seconds > 0:
+        try:
+            limit = math.inf if seconds is None else math.fsum([seconds])
+        except (TypeError, ValueError, OverflowError) as error:
+            raise TypeError(f"max_seconds must be a number; got {seconds!r}.") from error
+        if not limit > 0:
             raise ValueError(f"max_seconds is {seconds}; needs a positive number.")
-        limit = math.inf if seconds is None else seconds
         now = time.monotonic() if math.isfinite(limit) else 0.0
         self._end, self._last = now + limit, now + (1 + _FOR_PROOF) * limit
 

@@ -1,8 +1,8 @@
 """Conversion of user objects to shapes: arrays, and objects of other packages by their attributes.
 
 No other package is imported. Meshes: pairs (vertices, triangles), trimesh, Open3D (legacy and tensor), PyVista's
-PolyData. Splines: SciPy, geomdl, splinepy. Outlines: shapely, matplotlib's paths. Points: arrays, data frames, tensors,
-point clouds of these packages.
+PolyData. Splines: SciPy, geomdl, splinepy. Outlines: shapely, matplotlib's paths. Points: arrays, point clouds of these
+packages.
 """
 
 from os import PathLike

@@ -233,7 +233,7 @@ DEFECTS = [
             "test_the_nearest_shapes_are_those_of_all_distances",
         ),
         (
-            "np.where(np.any(_open(known, k), axis=1), int(RESULTS.interrupted._value), worst)",
+            "np.where(np.any(_open(known, k), axis=1), int(unfinished._value), worst)",
             "worst",
             "test_an_interrupted_call_keeps_what_is_done_and_says_so",
         ),

@@ -253,6 +253,19 @@ def test_sets_of_points_are_measured_beside_curves():
     np.testing.assert_array_equal(near.value[:, 1], np.sort(found.value, axis=1)[:, 1])
 
 
+def test_a_call_out_of_time_says_so():
+    sets = clouds(5, 40)
+    for found in (
+        jhd.pairwise(sets, max_seconds=1e-9),
+        jhd.nearest_shapes(sets, sets, 2, max_seconds=1e-9),
+        jhd.pairs_within(sets, threshold=2.2, max_seconds=1e-9),
+    ):
+        names = set(np.ravel(names_of(found.result)))
+        assert "out_of_time" in names and "interrupted" not in names and not np.all(found.ok)
+    table = jhd.pairwise(sets[:2])
+    assert table.to_dict()["result"] == [["successful"] * 2] * 2
+
+
 def test_an_interrupted_call_keeps_what_is_done_and_says_so():
     shapes, told = clouds(2, 9), []
 

@@ -13,7 +13,7 @@ from jhd._distance.minimum import minimum_distance
 from jhd._distance.published.cube_intervals import CubeIntervals
 from jhd._distance.published.two_step import TwoStep
 from jhd._distance.published.voxel_pairs import VoxelPairs
-from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method
 from jhd._results.solution import RESULTS, NotProvenError, name_of
 from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.curve import circle, point_set, polyline
@@ -211,6 +211,8 @@ def test_a_method_holds_the_options_and_not_both_are_given():
         assert (found[0].lower, found[0].upper) == (other.lower, other.upper)
         with pytest.raises(TypeError, match="^rtol stands in the method and in the call: pass it once"):
             entry(a, b, BranchAndBound(rtol=0.2), atol=0.5, rtol=0.1)
+    # The default of a method that is made inside jit is traced.
+    assert float(jax.jit(lambda: chosen_method(BranchAndBound(max_steps=9), 0.25, None).rtol)()) == 0.25
     with pytest.raises(TypeError, match="atol cannot be combined with TwoStep: pass its own options"):
         hausdorff(a, b, TwoStep(), atol=0.5)
 

@@ -34,6 +34,7 @@ from jhd._distance.decisions import checked_limit
 from jhd._distance.normalization.method import AbstractHausdorffMethod, check_serves
 from jhd._distance.pairs import METHODS
 from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, limited
+from jhd._distance.search.search import ended_by
 from jhd._results.batches import AbstractOutcome
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import check_whole, real_array, same_arrays
@@ -170,7 +171,7 @@ def pairwise(
         store: a folder that keeps finished parts, safe against kills and loss of power. A second call with the same
             shapes, options, versions and processor continues there and returns the same bits. Only one call may use it
             at a time.
-        max_seconds: wall time in seconds after which the call ends with the results so far; by default no limit.
+        max_seconds: wall time in seconds after which no search begins (RESULTS.out_of_time); by default no limit.
         progress: a function that is called with a Progress from time to time.
 
     Returns:
@@ -187,12 +188,12 @@ def pairwise(
     if a is not b or len(a) > 1:
         _check_method(method, a, b)
     table, hears = DistanceTable(a, b, _PAIRS), limited(method, progress, max_seconds)
-    kept = None if store is None else Store(store, fingerprint_of((a.shapes, b.shapes), method, _PAIRS))
+    kept = None if store is None else Store(store, fingerprint_of((a.shapes, b.shapes), method, _PAIRS, a is b))
     try:
         with workers(executor) as pool:
             table.fill(pool, method, kept, lambda done, total: _tell(hears, "distances", done, total))
-    except KeyboardInterrupt:
-        pass
+    except KeyboardInterrupt as stop:
+        table.result[np.isnan(table.value)] = int(ended_by(stop)._value)
     return Pairwise(table.value, table.lower, table.upper, _results(table.result), table.computed)
 
 
@@ -231,7 +232,7 @@ def nearest_shapes(
         rtol: tolerance on `upper - lower`, relative to `upper`; see `jhd.hausdorff`.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; see `jhd.hausdorff`.
         executor: any concurrent.futures.Executor; by default one thread for each processor.
-        max_seconds: wall time in seconds after which the call ends with the results so far, once all pairs have bounds.
+        max_seconds: wall time in seconds after which no further search begins, once all pairs have bounds.
         progress: a function that is called with a Progress from time to time.
 
     Returns:
@@ -294,7 +295,7 @@ def pairs_within(
         rtol: relative tolerance at which a search gives up; see `jhd.hausdorff`.
         atol: absolute tolerance at which a search gives up; see `jhd.hausdorff`.
         executor: any concurrent.futures.Executor; by default one thread for each processor.
-        max_seconds: wall time in seconds after which the call ends with the results so far, once all pairs have bounds.
+        max_seconds: wall time in seconds after which no further search begins, once all pairs have bounds.
         progress: a function that is called with a Progress from time to time.
 
     Returns:
@@ -309,7 +310,7 @@ def pairs_within(
     limit = float(checked_limit(threshold))
     a, b = both_collections("shapes", shapes, "others", others)
     _check_method(method, a, b, (BranchAndBound,))
-    computed, hears = 0, limited(method, progress, max_seconds)
+    computed, hears, unfinished = 0, limited(method, progress, max_seconds), RESULTS.gap_not_closed
     with workers(executor) as pool:
         some = candidates(*_both_pivots(pool, a, b, progress), limit, a is b)
         rows, columns, lower, upper = (np.concatenate(x) for x in zip(*some, *_no_pairs(), strict=True))
@@ -323,16 +324,15 @@ def pairs_within(
                 lower[at], upper[at] = np.maximum(lower[at], found.lower), np.minimum(upper[at], found.upper)
                 computed += len(index)
                 _tell(hears, "distances", computed, len(open_))
-        except KeyboardInterrupt:
-            pass
+        except KeyboardInterrupt as stop:
+            unfinished = ended_by(stop) if computed < len(open_) else unfinished
     # Rounding leaves the distance of a copy open; it is zero if the shape is proven to have a point.
     between = np.flatnonzero((lower <= limit) & (upper > limit) & np.isfinite(upper))
     copies = [k for k in between if same_arrays(a.shapes[rows[k]], b.shapes[columns[k]])]
     lower[copies] = upper[copies] = 0.0
     yes, no = upper <= limit, lower > limit
     index = np.stack([rows, columns], axis=1)
-    unsure = RESULTS.interrupted if computed < len(open_) else RESULTS.gap_not_closed
-    result = RESULTS.successful if np.all(yes | no) else unsure
+    result = RESULTS.successful if np.all(yes | no) else unfinished
     return PairsWithin(index[yes], lower[yes], upper[yes], index[~yes & ~no], result, computed)
 
 

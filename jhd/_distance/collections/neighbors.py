@@ -15,6 +15,7 @@ from jhd._distance.collections.pivots import PivotBounds
 from jhd._distance.collections.shapes import Collection
 from jhd._distance.collections.tasks import measured, pairs_between
 from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._distance.search.search import ended_by
 from jhd._results.outcomes import RESULTS
 
 # Shapes of each query that are measured in one round, at most: later rounds know better bounds.
@@ -70,7 +71,7 @@ def nearest_of(
     report: Callable[[int, int], None],
 ) -> Found:
     """Return the k nearest shapes of the queries `rows`, or the state so far after an interrupt."""
-    done, width = 0, k
+    done, width, unfinished = 0, k, RESULTS.interrupted
     try:
         while True:
             open_ = _open(known, k)
@@ -88,9 +89,9 @@ def nearest_of(
                 done += len(index)
                 report(done, total)
             width = min(2 * width, max(_WIDTH, k))
-    except KeyboardInterrupt:
-        pass
-    return _named(known, k, done)
+    except KeyboardInterrupt as stop:
+        unfinished = ended_by(stop)
+    return _named(known, k, done, unfinished)
 
 
 def _reach(known: Standings, k: int) -> np.ndarray:
@@ -112,14 +113,14 @@ def _first_of_each(open_: np.ndarray, lower: np.ndarray, width: int) -> tuple[np
     return query[place < width], shape[place < width]
 
 
-def _named(known: Standings, k: int, done: int) -> Found:
+def _named(known: Standings, k: int, done: int, unfinished: Any) -> Found:
     # A copy: a view would keep the whole order of all shapes.
     index = np.argsort(known.upper, axis=1, kind="stable")[:, :k].copy()
     each = np.arange(len(index))[:, None]
     codes, least = known.result[each, index].astype(int), int(RESULTS.successful._value)
     # The first of the k results that is not successful, if any.
     worst = codes[np.arange(len(codes)), np.argmax(codes != least, axis=1)]
-    result = np.where(np.any(_open(known, k), axis=1), int(RESULTS.interrupted._value), worst)
+    result = np.where(np.any(_open(known, k), axis=1), int(unfinished._value), worst)
     near = known.lower <= known.upper[each, index].max(axis=1)[:, None]
     near[each, index] = False
     ties = [np.flatnonzero(row) for row in near]

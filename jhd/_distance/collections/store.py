@@ -93,12 +93,15 @@ class Store:
         return self._folder / f"part-{part:08d}.npy"
 
 
-def fingerprint_of(collections: Sequence[Sequence[Any]], method: Any, pairs: int) -> dict[str, Any]:
+def fingerprint_of(
+    collections: Sequence[Sequence[Any]], method: Any, pairs: int, each_once: bool = False
+) -> dict[str, Any]:
     """Return everything that the numbers of a table depend on, by name, with one checksum."""
     about = {
         "format": _FORMAT,
         "shapes": [len(shapes) for shapes in collections],
         "pairs": pairs,
+        "each pair once": each_once,
         "sum of shapes": _sum_of(collections),
         "method": f"{type(method).__name__} {_sum_of(method)}",
         "source": source_sum(),

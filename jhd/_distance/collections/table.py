@@ -54,13 +54,15 @@ class DistanceTable:
                     self._put(rows, columns, known)
                     report(self.done, self.total)
                     continue
+                left = len(rows)
                 for index, found in measured(executor, self._a, self._b, pairs_between(rows, columns), method):
                     self._put(rows[index], columns[index], found)
-                    self.computed += len(index)
+                    self.computed, left = self.computed + len(index), left - len(index)
+                    # A report may end the call; a whole part is stored before.
+                    if store is not None and not left:
+                        value, lower, upper, result = (array[rows, columns] for array in self._arrays())
+                        store.write(part, MeasuredPairs(value, lower, upper, result, np.zeros_like(result)))
                     report(self.done, self.total)
-                if store is not None:
-                    value, lower, upper, result = (array[rows, columns] for array in self._arrays())
-                    store.write(part, MeasuredPairs(value, lower, upper, result, np.zeros_like(result)))
         except Exception as error:
             if store is not None and (isinstance(error, BrokenExecutor) or type(error).__name__ in _LOST):
                 error.add_note("A worker was lost. Finished parts are kept: a second call with this store continues.")

@@ -102,7 +102,8 @@ def nearest(
         point: the query.
         control_points: the segments, scaled so that squares neither overflow nor vanish.
         weights: positive, or None.
-        tolerance: the search stops at upper - lower <= tolerance, or at eight times the rounding error if larger.
+        tolerance: the search stops at upper - lower <= tolerance, or the rounding error if larger; if cells cannot be
+            cut again or find no room, it may stop at eight times this length.
         skip: segments that repeat others and need no search; see `repeated`.
     """
     count = control_points.shape[0]

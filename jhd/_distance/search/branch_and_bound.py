@@ -137,8 +137,11 @@ def chosen_method(method: Chosen | None, rtol: Any, atol: Any) -> Chosen | Branc
         return method
     if not isinstance(method, BranchAndBound):
         raise TypeError(f"{' and '.join(given)} cannot be combined with {type(method).__name__}: pass its own options.")
-    usual = default_method()
-    twice = [name for name in given if not same_arrays(getattr(method, name), getattr(usual, name))]
+    known = {name: getattr(method, name) for name in given}
+    # A method made inside jit holds its default as a tracer.
+    twice = [
+        name for name, x in known.items() if not is_traced(x) and not same_arrays(x, getattr(default_method(), name))
+    ]
     if twice:
         raise TypeError(f"{' and '.join(twice)} stands in the method and in the call: pass it once.")
     return replace(method, **given)

@@ -138,7 +138,8 @@ def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> 
         except KeyboardInterrupt as stop:
             if standing is None:
                 raise
-            listener.interrupted, listener.late = True, isinstance(stop, TimeLimit)
+            listener.late = isinstance(stop, TimeLimit) and (listener.late or not listener.interrupted)
+            listener.interrupted = True
         over = listener.satisfied or not standing.going_on or standing.steps >= search.max_steps
         if listener.interrupted or over:
             return _ended(standing, listener)
@@ -148,6 +149,11 @@ def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> 
         stretch, taken = max(1, stretch), int(standing.steps)
         if standing.full:
             state = search.longer(state)
+
+
+def ended_by(stop: KeyboardInterrupt) -> Any:
+    """Return the member of RESULTS for a call that its time limit or Ctrl-C ended."""
+    return RESULTS.out_of_time if isinstance(stop, TimeLimit) else RESULTS.interrupted
 
 
 def _ended(standing: Standing, listener: Listener) -> Any:

@@ -100,6 +100,18 @@ def test_a_store_of_something_else_is_refused_and_both_fingerprints_are_named(tm
     assert contents(tmp_path) == before
 
 
+def test_a_store_of_the_pairs_within_one_collection_serves_no_pair_of_collections(tmp_path):
+    some = SHAPES[:3]
+    jhd.pairwise(some, store=tmp_path)
+    with pytest.raises(ValueError, match="each pair once"):
+        jhd.pairwise(some, list(some), store=tmp_path)
+
+
+def test_a_whole_part_is_stored_before_a_report_ends_the_call(tmp_path):
+    assert jhd.pairwise(SHAPES[:3], store=tmp_path, progress=stopping(1)).computed == 3
+    assert jhd.pairwise(SHAPES[:3], store=tmp_path).computed == 0
+
+
 @pytest.mark.parametrize(
     ("name", "other", "told"),
     [
