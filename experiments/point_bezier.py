@@ -56,7 +56,7 @@ def _solver(method: Any, options: dict[str, Any] | None) -> Solver:
 
     def one(point: jax.Array, cubic: jax.Array) -> dict[str, jax.Array]:
         curve = jhd.BezierSegments(cubic[None], None, jnp.array([-1]))
-        found, _ = method.one(point, curve, jnp.zeros(1, bool))
+        found, _ = method._one(point, curve, jnp.zeros(1, bool))
         return {"distance": found.distance, "lower": found.lower, "t": found.t, "steps": found.steps}
 
     @partial(jax.jit, compiler_options=options)
