@@ -25,6 +25,7 @@ _MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
 _SHORT = "-", "-h", "-k", "-o"
 _FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
 _BOX_HELP = "box of an implicit surface: LOWER UPPER for all axes, or three lower and then three upper ends"
+_SECONDS_HELP = "time in seconds after which the search ends with the bounds reached (default: none)"
 _ATOL_HELP = "largest upper - lower (default: 1e-10 of the diagonal)"
 _RTOL_HELP = "largest upper - lower, relative to upper; the larger tolerance counts (default: {})"
 _OUT_HELP = "file for the {}: {}"
@@ -378,9 +379,8 @@ def _add_tolerances(parser: Any, atol: str = _ATOL_HELP, rtol: float | None = No
     parser.add_argument("--rtol", type=float, default=rtol, metavar="FRACTION", help=help_)
 
 
-def _add_max_seconds(parser: Any) -> None:
-    seconds = "time in seconds after which the search ends with the bounds reached (default: none)"
-    parser.add_argument("--max-seconds", type=float, metavar="S", help=seconds)
+def _add_max_seconds(parser: Any, limit: str = _SECONDS_HELP) -> None:
+    parser.add_argument("--max-seconds", type=float, metavar="S", help=limit)
 
 
 def _add_out(parser: Any, content: str, suffixes: str, required: bool = False) -> None:
@@ -393,6 +393,7 @@ def _add_search(parser: Any) -> None:
     parser.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
     parser.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("BranchAndBound"))
     _add_tolerances(parser)
+    _add_max_seconds(parser, "time in seconds after which no further search begins (default: none)")
     parser.add_argument("--jobs", type=int, metavar="N", help="number of threads (default: one for each processor)")
     _add_out(parser, "results", ".csv or .json")
 

@@ -143,17 +143,17 @@ def test_options_of_the_search_are_passed_on(entry, command, run, monkeypatch):
 
     def called(*arguments, executor, **options):
         method: Any = next(x for x in (*arguments, *options.values()) if isinstance(x, jhd.BranchAndBound))
-        seen.update(threads=executor._max_workers, pool=type(executor))
+        seen.update(threads=executor._max_workers, pool=type(executor), seconds=options["max_seconds"])
         seen.update(rtol=float(method.rtol), atol=float(method.atol), kinds=[type(x) for x in arguments[0]])
         points = [[jhd.point_set([(0.0, 0, 0)])] * len(some) for some in arguments if isinstance(some, list)]
         return known(*points, **{key: options[key] for key in ("threshold",) if key in options})
 
     monkeypatch.setattr(jhd, entry, called)
-    options = "--rtol", 0.125, "--atol", "10%", "--jobs", 2, "--box", -1, 1, "--json"
+    options = "--rtol", 0.125, "--atol", "10%", "--jobs", 2, "--max-seconds", 30, "--box", -1, 1, "--json"
     status, out, _ = run(*command, "-x**2 - y**2 - z**2 + 1", "x + y", "x - y", *options)
     context = json.loads(out)["context"]
     assert status == 0 and set(seen["kinds"]) == {jhd.ImplicitSurface}
-    assert (seen["threads"], seen["pool"], seen["rtol"]) == (2, ThreadPoolExecutor, 0.125)
+    assert (seen["threads"], seen["pool"], seen["rtol"], seen["seconds"]) == (2, ThreadPoolExecutor, 0.125, 30)
     assert seen["atol"] == context["atol"] == 0.3464  # of the diagonal 2 sqrt(3)
     assert (context["rtol"], context["jobs"], context["box"]) == (0.125, 2, [[-1.0] * 3, [1.0] * 3])
 

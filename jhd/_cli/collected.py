@@ -34,9 +34,9 @@ def pairwise(options: Namespace) -> int:
     """The distances of all pairs."""
     check_writable(options.out, *TABLE_SUFFIXES)
     (names, shapes), *_ = collections_of(options, options.shapes)
-    searched = {"method": search_of(options, *shapes), "store": options.store}
-    with busy("computing; a first run compiles") as show, threads(options.jobs) as executor:
-        found = jhd.pairwise(shapes, **searched, executor=executor, progress=show)
+    method = search_of(options, *shapes)
+    with _searching(options) as searched:
+        found = jhd.pairwise(shapes, method=method, store=options.store, **searched)
     results = np.reshape(names_of(found.result), found.value.shape)
     rows = [
         (found.value[i, j], found.lower[i, j], found.upper[i, j], names[i], names[j], results[i, j])
@@ -58,8 +58,8 @@ def nearest(options: Namespace) -> int:
     if (options.plot or options.html) and any(isinstance(shape, ImplicitSurface) for shape in (*queries, *shapes)):
         raise ValueError("--plot and --html draw no implicit surfaces; leave them out.")
     method = search_of(options, *queries, *shapes)
-    with busy("computing; a first run compiles") as show, threads(options.jobs) as executor:
-        found = jhd.nearest_shapes(queries, shapes, options.count, method, executor=executor, progress=show)
+    with _searching(options) as searched:
+        found = jhd.nearest_shapes(queries, shapes, options.count, method, **searched)
     short = [short_name(name) for name in asking], [short_name(name) for name in names]
     for file in filter(None, (options.plot, options.html)):
         with busy("drawing"):
@@ -89,8 +89,8 @@ def duplicates(options: Namespace) -> int:
     check_writable(options.out, *TABLE_SUFFIXES)
     (names, shapes), *_ = collections_of(options, options.shapes)
     threshold, method = options.threshold.of(*shapes), search_of(options, *shapes)
-    with busy("computing; a first run compiles") as show, threads(options.jobs) as executor:
-        found = jhd.pairs_within(shapes, method=method, threshold=threshold, executor=executor, progress=show)
+    with _searching(options) as searched:
+        found = jhd.pairs_within(shapes, method=method, threshold=threshold, **searched)
     rows = [
         (lower, upper, names[i], names[j], "within")
         for (i, j), lower, upper in zip(found.index, found.lower, found.upper, strict=True)
@@ -103,6 +103,13 @@ def duplicates(options: Namespace) -> int:
         ends = (answer if lower == "" else interval_text(lower, upper, ".9g") for lower, upper, _, _, answer in rows)
         _print_unless_written(options, (f"{end}\t{row[2]}\t{row[3]}" for end, row in zip(ends, rows, strict=True)))
     return exit_status(found)
+
+
+@contextmanager
+def _searching(options: Namespace) -> Iterator[dict[str, Any]]:
+    """The arguments that all collections have in common, while a message says that they are searched."""
+    with busy("computing; a first run compiles") as show, threads(options.jobs) as executor:
+        yield {"executor": executor, "max_seconds": options.max_seconds, "progress": show}
 
 
 @contextmanager
