@@ -156,7 +156,7 @@ arithmetic.Interval.minimum(other)
 arithmetic.Interval.whole(shape=())
 as_shape(shape)
 biarcs(curve, tolerance)
-certify(a, b, solution, *, directed=False, slack=None, max_cells=100000, progress=None)
+certify(a, b, solution, *, directed=False, slack=None, max_cells=100000, max_seconds=None, progress=None)
 circle(center, radius)
 critical_pairs(a, b, capacity=16)
 deviation(a, b, *, rtol=0.001, atol=None, quantile=None, weights=None, max_cells=131072, throw=True, max_seconds=None,

@@ -24,7 +24,9 @@ from jhd._distance.certificate.verification.reading import lines_of
 from jhd._distance.certificate.verification.structure import FORMAT, VERSION, check_content, digest
 from jhd._distance.certificate.verification.surface_structure import LARGEST, LARGEST_IN_ALL
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution
+from jhd._results.unproven import NotProvenError
 from jhd._runtime.arrays import is_traced
+from jhd._runtime.clock import Clock
 from jhd._runtime.decimals import lower_text, upper_text
 from jhd._runtime.files import replace_file
 from jhd._shapes.as_shape import Shape, ShapeLike, taken_as
@@ -166,6 +168,7 @@ def certify(
     directed: bool = False,
     slack: float | None = None,
     max_cells: int = 100_000,
+    max_seconds: float | None = None,
     progress: Callback | None = None,
 ) -> Certificate:
     """A certificate of the bounds of a solution, which can be saved and checked independently.
@@ -195,6 +198,7 @@ def certify(
             diagonal of the joint bounding box.
         max_cells: largest number of cells in one direction, or of pairs of parts. A smooth piece needs a few, or more
             if `b` is not smooth.
+        max_seconds: time limit in seconds, checked after each round of cells; by default none.
         progress: a function that is called with a Progress from time to time; its items are cells.
 
     Returns:
@@ -204,12 +208,13 @@ def certify(
         TypeError: a shape or solution of another kind, a traced object or a batch.
         ValueError: the dimensions differ, a polynomial has too high a degree, `slack` is negative, `max_cells` is not a
             positive whole number, or `directed` is True for a minimum distance.
-        NotProvenError: a bound of the solution could not be certified for these shapes, or needs more cells. For
-            implicit surfaces: a bound rests on points without a change of sign, which prove nothing.
+        NotProvenError: a bound of the solution could not be certified for these shapes, needs more cells or takes
+            longer than `max_seconds`. For implicit surfaces: a bound rests on points without a change of sign, which
+            prove nothing.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     _check_arguments(a, b, solution, max_cells)
-    report = _reporting(progress)
+    report = _reporting(solution, progress, max_seconds)
     if isinstance(solution, MinimumSolution) or (isinstance(solution, Decision) and solution.distance == "minimum"):
         if directed:
             raise ValueError("directed is True, but a minimum distance has no direction: leave directed out.")
@@ -257,9 +262,14 @@ def _checked_slack(slack: object, a: Any, b: Any, sharp: bool) -> float:
     return float(slack)
 
 
-def _reporting(progress: Callback | None) -> Report:
+def _reporting(solution: Any, progress: Callback | None, max_seconds: float | None) -> Report:
+    clock = Clock(max_seconds)
+
     def report(direction: str, proven: int, left: int) -> None:
         if progress is not None:
             progress(Progress(direction, proven, proven + left))
+        if left and clock.is_over():
+            counted = f"{proven} cells are proven and {left} are left"
+            raise NotProvenError(f"There is no certificate after {max_seconds} seconds: {counted}.", solution)
 
     return report

@@ -112,6 +112,14 @@ def test_too_many_cells_are_an_error(made):
         certify(a, b, solution, max_cells=1)
 
 
+def test_a_time_limit_is_an_error_that_counts_the_cells(made):
+    a, b, solution, _ = made
+    with pytest.raises(jhd.NotProvenError, match="no certificate after 1e-09 seconds: .* are left"):
+        certify(a, b, solution, max_seconds=1e-9)
+    with pytest.raises(ValueError, match="max_seconds is 0"):
+        certify(a, b, solution, max_seconds=0)
+
+
 def test_progress_counts_the_cells_of_each_direction(made):
     a, b, solution, certificate = made
     seen = []
