@@ -36,6 +36,12 @@ def test_areas_of_a_cylinder_and_of_a_mesh_are_those_of_closed_forms():
     for surface, exact in ((CYLINDER, 1.5 * math.pi), (mesh, 3.0)):
         found = jhd.surface_area(surface)
         assert found.lower <= exact <= found.upper <= found.lower * (1 + 1.1e-4)
+    # An octant of the unit sphere: beside its pole the remainder of dividing by the weight is small, as the area is.
+    arc, weights = np.array([[1.0, 0], [1, 1], [0, 1]]), np.array([1, QUARTER, 1])
+    rows = [np.hstack([share * arc, np.full((3, 1), height)]) for share, height in ((1, 0.0), (1, 1.0), (0, 1.0))]
+    octant = jhd.BezierPatch(np.array(rows), np.outer(weights, weights))
+    found = jhd.surface_area(octant, rtol=5e-4, max_cells=1 << 14)
+    assert found.lower <= math.pi / 2 <= found.upper
     corners = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])
     for scale in (2.0**-600, 2.0**600):  # the area underflows and overflows
         found = jhd.surface_area(jhd.TriangleMesh(scale * corners, [[0, 1, 2]]))

@@ -243,7 +243,9 @@ def _divided(whole: _Sized, weights: np.ndarray, off: float, power: int) -> tupl
     product = _multiplied(factor, whole, np.multiply)
     rest = np.maximum(*(x**-power - (power + 1) + power * x for x in (low / middle, most))) + _ROUNDINGS
     scale = middle**power
-    error = (product.error + rest * (whole.size + whole.error) + _ROUNDINGS * product.size) / scale * _UP
+    # A bound over the part, not over the piece: it is far smaller near a pole.
+    largest = np.max(_length(whole.values), axis=(1, 2)) * _UP + whole.error
+    error = (product.error + rest * largest + _ROUNDINGS * product.size) / scale * _UP
     return product.values / scale[:, None, None, None], error
 
 
