@@ -11,7 +11,7 @@ from jhd._arithmetic.rationals import float_near
 from jhd._arithmetic.scaling import common_exponent
 from jhd._distance.cells.arc_length_area import FlatCells
 from jhd._distance.cells.weighted import exact_sum
-from jhd._distance.deviation_solution import Bounds, Deviation, DistanceSamples, check_share
+from jhd._distance.deviation_solution import Bounds, Deviation, DistanceSamples, UndifferentiatedBounds, check_share
 from jhd._distance.hausdorff import directed_hausdorff
 from jhd._distance.nearest.target import curve_in_space
 from jhd._distance.normalization.coordinates import Frame, user_length
@@ -19,7 +19,7 @@ from jhd._distance.search.branch_and_bound import BranchAndBound, limited
 from jhd._distance.search.dispatch import Together, diagonal_of, dtype_of, heights_of, target_in, together
 from jhd._distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
 from jhd._distance.search.points import is_points
-from jhd._distance.search.search import Listener, drive
+from jhd._distance.search.search import Limited, Listener, drive
 from jhd._distance.search.weighted_cells import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
 from jhd._results.solution import (
     RESULTS,
@@ -93,8 +93,8 @@ def deviation(
     lies at `maximum.witness.point`.
 
     The value of `maximum` (within about the root of its gap) and the distances of `at(params)` are differentiable in
-    both shapes, to first order. Mean and bounds are plain numbers. The shapes must be concrete: deviation does not work
-    under jit or vmap.
+    both shapes, to first order. Mean and bounds are plain numbers, whose `value` raises TypeError under `jax.grad`: use
+    `jhd.MeanDistance().estimate` there. The shapes must be concrete: deviation does not work under jit or vmap.
 
     >>> import jhd
     >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
@@ -113,7 +113,8 @@ def deviation(
             the maximum.
         max_cells: largest number of cells, at least 16.
         throw: whether to raise NotProvenError if the tolerance is not reached; by default True.
-        max_seconds: wall time in seconds after which the searches end with the bounds reached; by default no limit.
+        max_seconds: wall time in seconds after which the searches end with the bounds reached, as soon as the cells in
+            work have bounds; by default no limit.
         progress: a function that is called with a Progress from time to time, first for the maximum, then for the mean.
 
     Returns:
@@ -226,8 +227,9 @@ def _distributed(
 
     most = float(frame.common(np.asarray(maximum.upper, np.float64), np.inf)) + moved
     limits = most, allowed, asked.max_cells, _MAX_STEPS, asked.quantile
-    search = DistributionSearch(source, target, dtype, *limits, heights_of(a, b, pair, target))
     listener = Listener(progress, frame, "mean")
+    ends = listener.is_over if isinstance(progress, Limited) else None
+    search = DistributionSearch(source, target, dtype, *limits, heights_of(a, b, pair, target), ends)
     # After an interruption of the search for the maximum, no further search runs.
     listener.late = name_of(maximum.result) == "out_of_time"
     listener.interrupted = listener.late or name_of(maximum.result) == "interrupted"
@@ -278,7 +280,8 @@ def _in_units(
     """Return the result of `deviation` in the user's coordinates."""
     frame, over, flat = pair.frame, found.cells.over, found.cells.flat
     ends = partial(_lengths, frame, pair.moved)
-    mean, rms = (Bounds(*ends(*known)) for known in ((found.lower, found.upper), found.rms))
+    kind = UndifferentiatedBounds if is_traced(*jax.tree_util.tree_leaves((a, b))) else Bounds
+    mean, rms = (kind(*ends(*known)) for known in ((found.lower, found.upper), found.rms))
     lower, upper = ends(over.lower, over.upper)
     place = np.asarray(frame.place(np.mean(flat.corners, axis=1)))[:, : a.dim]
     affine = np.stack(_affine_lengths(frame, pair.moved, over.ends), axis=2)

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
+from typing_extensions import override
 
 from jhd._distance.cells.weighted import Values, Weights, quantile_bounds, share_bounds
 from jhd._distance.project import project
@@ -38,6 +39,21 @@ class DistanceSamples(NamedTuple):
     upper: Float[np.ndarray, " parts"]
     fraction: Float[np.ndarray, "parts 2"]
     ends: Float[np.ndarray, "parts corners 2"]
+
+
+class UndifferentiatedBounds(Bounds):
+    """Bounds of the mean or RMS under `jax.grad`, where a constant value would have derivative zero."""
+
+    def __float__(self) -> float:
+        return 0.5 * self.lower + 0.5 * self.upper
+
+    @property
+    @override
+    def value(self) -> float:
+        raise TypeError(
+            "mean and rms of deviation have no derivative: use jhd.MeanDistance().estimate(a, b) or RMSDistance. "
+            "float(...) returns the number."
+        )
 
 
 class Deviation(AbstractSolution):
@@ -180,7 +196,7 @@ class Deviation(AbstractSolution):
         return Values(self.samples.lower, self.samples.upper, self.samples.ends)
 
     def __float__(self) -> float:
-        return self.mean.value
+        return float(self.mean)
 
     def __repr__(self) -> str:
         rows = {"maximum": self.maximum, "rms": self.rms, "mean": self.mean, "median": self.quantile(0.5)}

@@ -348,6 +348,24 @@ def test_traced_shapes_are_refused():
         jax.jit(lambda x: jhd.deviation(jhd.polyline(x), jhd.point_set([(0.0, 0.0)])).mean)(np.array(SEGMENT, float))
 
 
+def test_a_mean_under_grad_is_a_number_without_a_derivative():
+    def mean(x, of):
+        return of(jhd.deviation(jhd.polyline(x), jhd.point_set([(0.0, 0.0)])).mean)
+
+    with pytest.raises(TypeError, match="no derivative: use jhd.MeanDistance"):
+        jax.grad(mean)(np.array(SEGMENT, float), lambda bounds: bounds.value)
+    assert np.all(jax.grad(lambda x: mean(x, float) * x[0, 0])(np.array(SEGMENT, float))[1:] == 0)
+
+
+def test_a_time_limit_ends_a_step_and_leaves_true_bounds():
+    curve = jhd.polyline([(0.0, 0.0), (1.0, 0.0)])
+    found = jhd.deviation(curve, jhd.point_set([(0.0, 0.0)]), max_seconds=1e-9, throw=False)
+    assert found.result == jhd.RESULTS.out_of_time
+    assert found.stats["steps"] == 0
+    assert found.mean.lower <= 0.5 <= found.mean.upper <= found.maximum.upper * (1 + 1e-12)
+    assert found.quantile(0.5).lower <= 0.5 <= found.quantile(0.5).upper
+
+
 def triangulated(net: np.ndarray, count: int) -> tuple[Any, jhd.TriangleMesh]:
     """A uniform bicubic surface of a net, and a mesh of so many squares along each side whose vertices lie on it."""
     knots = np.arange(len(net) + 4.0)

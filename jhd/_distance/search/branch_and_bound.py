@@ -23,14 +23,15 @@ from jhd._distance.normalization.method import AbstractHausdorffMethod, Abstract
 from jhd._distance.normalization.stopping import Aim, Wanted
 from jhd._distance.search.candidates import Target
 from jhd._distance.search.curves import advance, begin, solution_of
+from jhd._distance.search.search import Limited
 from jhd._distance.search.solutions import CoveredPair, in_one_go
 from jhd._results.solution import DIRECTIONS, HausdorffSolution
 from jhd._runtime.argument_hints import belongs
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array, same_arrays
-from jhd._runtime.clock import Clock, TimeLimit
+from jhd._runtime.clock import Clock
 from jhd._shapes.checks import Numbers, optional_array
 from jhd._shapes.curve import BezierSegments
-from jhd.progress import Callback, Progress
+from jhd.progress import Callback
 
 Chosen = TypeVar("Chosen", bound=AbstractMethod)
 # Rows of a table for surfaces, for each row of a table for curves.
@@ -159,14 +160,7 @@ def limited(method: Any, progress: Callback | None, max_seconds: float | None) -
     clock = Clock(max_seconds)
     if not isinstance(method, BranchAndBound):
         raise TypeError(f"max_seconds cannot be combined with {type(method).__name__}: it needs BranchAndBound.")
-
-    def told(news: Progress) -> None:
-        if progress is not None:
-            progress(news)
-        if clock.is_over():
-            raise TimeLimit
-
-    return told
+    return Limited(clock, progress)
 
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.

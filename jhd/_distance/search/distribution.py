@@ -26,6 +26,8 @@ from jhd._runtime.arrays import joined, taken
 
 # Cells cut in a step: at most, and at least if there are enough; and the fraction of the gap that they leave.
 _BATCH, _LEAST, _MOST_OF = 1 << 13, 64, 0.8
+# Cells that get bounds at once under a time limit: those of a step may take a minute.
+_AT_ONCE = 1 << 7
 # Cells are cut down to this width.
 _THIN = 2.0**-40
 # Contribution to the gap of a cell without an upper bound; sums of it stay finite.
@@ -103,6 +105,7 @@ class DistributionSearch(AbstractSearch):
         max_steps: most steps.
         share: fraction whose quantile must meet the tolerance too, or None.
         heights: bounds of the cells by heights, if the target is a curved shape.
+        is_over: tells whether the time is up; further cells then keep the bounds that are known. None without a limit.
     """
 
     first_steps = _FIRST_STEPS
@@ -118,10 +121,12 @@ class DistributionSearch(AbstractSearch):
         max_steps: int,
         share: float | None = None,
         heights: CellHeights | None = None,
+        is_over: Callable[[], bool] | None = None,
     ):
         self._source, self._target, self._dtype, self._most = source, target, np.dtype(dtype), most
         self._allowed, self._max_cells, self.max_steps, self._share = allowed, max_cells, max_steps, share
-        self._heights = heights
+        self._heights, self._is_over = heights, is_over or (lambda: False)
+        self._at_once = _AT_ONCE if is_over else max_cells * 4
 
     @override
     def begin(self) -> _DistributionState:
@@ -131,7 +136,7 @@ class DistributionSearch(AbstractSearch):
     @override
     def advance(self, state: _DistributionState, limit: int, growing: bool) -> tuple[_DistributionState, Standing]:
         found, scores = self._found(state)
-        while self._goes_on(found, scores) and state.steps < limit:
+        while self._goes_on(found, scores) and state.steps < limit and not self._is_over():
             state = self._step(state, scores)
             found, scores = self._found(state)
         waiting = int(np.count_nonzero(scores))
@@ -147,9 +152,10 @@ class DistributionSearch(AbstractSearch):
         flat = self._source.flat(cells)
         if self._source.dimension == 0:
             return DistanceCells(cells, flat, self._measured(flat.corners[:, 0], flat.slack))
-        reach = np.full(len(cells.piece), NEAR) if parents is None else parents.reach
-        heights = None if self._heights is None else partial(self._heights.over, cells)
-        over = distances_over(flat, self._target, self._dtype, reach, self._allowed(0.0), heights)
+        count = len(cells.piece)
+        blocks = [np.arange(k, min(k + self._at_once, count)) for k in range(0, max(count, 1), self._at_once)]
+        reach = np.full(count, NEAR) if parents is None else parents.reach
+        over = joined([self._over(cells.take(rows), flat.take(rows), reach[rows]) for rows in blocks])
         upper = np.minimum(over.upper, self._most)
         lower = over.lower
         if parents is not None:
@@ -159,6 +165,16 @@ class DistributionSearch(AbstractSearch):
         ends = [np.maximum(over.square[:, 0], _down(lower**2)), np.minimum(over.square[:, 1], _up(upper**2))]
         over = over._replace(lower=lower, upper=upper, mean=mean, square=np.stack(ends, axis=1))
         return DistanceCells(cells, flat, over)
+
+    def _over(self, cells: CellRows, flat: FlatCells, reach: np.ndarray) -> OverCells:
+        """Return the bounds over cells, apart from those that hold for all; none if the time is up."""
+        if self._is_over():
+            known, corners = np.array([0.0, self._most]), flat.corners.shape[:2]
+            over = np.tile(known, (len(reach), 1))
+            ends = np.broadcast_to(known, (*corners, 2))
+            return OverCells(over[:, 0], over[:, 1], over, over**2, reach, ends, np.zeros(corners))
+        heights = None if self._heights is None else partial(self._heights.over, cells)
+        return distances_over(flat, self._target, self._dtype, reach, self._allowed(0.0), heights)
 
     def _measured(self, points: np.ndarray, slack: np.ndarray) -> OverCells:
         """Return the bounds at single points."""

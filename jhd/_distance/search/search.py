@@ -14,7 +14,7 @@ import numpy as np
 
 from jhd._distance.normalization.coordinates import Frame
 from jhd._results.solution import RESULTS, name_of, with_result
-from jhd._runtime.clock import TimeLimit
+from jhd._runtime.clock import Clock, TimeLimit
 from jhd.progress import Callback, Progress
 
 # Target duration of stretches after the first two, in seconds, and how much longer the next one may be.
@@ -90,6 +90,29 @@ class Threshold:
             self._progress(progress)
 
 
+class Limited:
+    """A progress callback that ends a search when the time is up.
+
+    Args:
+        clock: the time limit.
+        progress: another callback for the progress, or None.
+    """
+
+    def __init__(self, clock: Clock, progress: Callback | None = None):
+        self.clock, self._progress = clock, progress
+
+    def __call__(self, progress: Progress) -> None:
+        """Pass the progress on.
+
+        Raises:
+            TimeLimit: the time is up.
+        """
+        if self._progress is not None:
+            self._progress(progress)
+        if self.clock.is_over():
+            raise TimeLimit
+
+
 class Listener:
     """Receiver of the progress of all searches in one call; records whether they were interrupted.
 
@@ -107,6 +130,10 @@ class Listener:
     def satisfied(self) -> bool:
         """Whether tighter bounds are not needed."""
         return isinstance(self._progress, Threshold) and self._progress.passed
+
+    def is_over(self) -> bool:
+        """Return whether the call was interrupted or its time is up, also in the middle of a step."""
+        return self.interrupted or (isinstance(self._progress, Limited) and self._progress.clock.is_over())
 
     def report(self, direction: Any, standing: Standing) -> None:
         """Report the progress of a search; the direction is a member of DIRECTIONS, or None."""
