@@ -251,7 +251,7 @@ soft_hausdorff(a, b, temperature, method=None)
 stack_curves(curves)
 stationary_points(points, curve, *, capacity=32, throw=True)
 surface_area(surface, *, rtol=0.0001, atol=None, max_cells=262144, throw=True)
-verify(content, max_seconds=None, progress=None)
+verify(content, *, max_seconds=None, progress=None)
 voxelize(surface, cells, ranges='bernstein', progress=None)
 """
 

@@ -60,8 +60,9 @@ def demo(options: Namespace) -> int:
     with busy("computing; the first run compiles"):
         (there, back), first = timed(both)
         _, again = timed(both)
-    print(solution_text("directed distance from A to B", there, "A", "B"), end="\n\n")
-    print(solution_text("directed distance from B to A", back, "B", "A"), end="\n\n")
+    kinds = dict.fromkeys("AB", "curve")
+    print(solution_text("directed distance from A to B", there, kinds, "A", "B"), end="\n\n")
+    print(solution_text("directed distance from B to A", back, kinds, "B", "A"), end="\n\n")
     larger, name = max((there, "from A to B"), (back, "from B to A"), key=lambda pair: float(pair[0]))
     print(f"Hausdorff distance, the larger of the two: {float(larger)!r} {name}")
     print(f"time       {first:.2f} s with compilation, {again:.3f} s once compiled (both directions)")
@@ -102,7 +103,8 @@ def fit(options: Namespace) -> int:
         print(json_text(error, **asked, **facts, seconds=seconds))
         return status
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
-    print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
+    kinds = dict.fromkeys("AB", "curve")
+    print(solution_text("Hausdorff distance", error, kinds, *names_of(error)), end="\n\n")
     print(f"within     {tolerance!r}" if near else f"not proven to be within {tolerance!r}")
     print(f"time       {seconds:.2f} s with compilation")
     print_files(fit=options.out, picture=options.plot, page=options.html)

@@ -88,12 +88,13 @@ def hausdorff(options: Namespace) -> int:
     asked |= {**tolerances_of(options, a, b), **box_of(a, b)}
     if delivered(options, solution, **asked, diagonal=size, seconds=seconds):
         return status
+    kinds = {"A": kind_of(a), "B": kind_of(b)}
     if stopped:
-        print(solution_text("the bounds reached", solution, *names_of(solution), size))
+        print(solution_text("the bounds reached", solution, kinds, *names_of(solution), size))
         print_files(result=options.out)
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
-    print(solution_text(_title(options), solution, *names_of(solution), size), end="\n\n")
+    print(solution_text(_title(options), solution, kinds, *names_of(solution), size), end="\n\n")
     if solution.directions is not None:
         print(directions_text(*solution.directions), end="\n\n")
     print(f"method     {method_name(method)}")
@@ -258,7 +259,7 @@ def _rows_of(found: Any, shape: Any) -> Iterator[list[Any]]:
     for value, lower, upper, element, t, foot, end in zip(
         *map(np.asarray, columns), to_plain(found.result), strict=True
     ):
-        where = (element, *np.atleast_1d(t)) if kind else ()
+        where = (element, *np.atleast_1d(t)[: len(parameters)]) if kind else ()
         yield [*(x.item() for x in (value, lower, upper, *where, *foot)), end]
 
 

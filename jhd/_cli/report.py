@@ -28,7 +28,7 @@ from jhd.progress import Progress
 # The columns that locate a point on each kind of shape: its piece and the parameters there.
 PLACES = {
     "curve": ("segment", "t"),
-    "set of points": ("segment", "t"),
+    "set of points": ("point",),
     "mesh": ("triangle", "t1", "t2", "t3"),
     "parametric surface": ("patch", "u", "v"),
     "implicit surface": ("",),
@@ -53,8 +53,10 @@ def names_of(solution: HausdorffSolution) -> tuple[str, str]:
     return ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
 
 
-def solution_text(title: str, solution: HausdorffSolution, name: str, other: str, diagonal: float | None = None) -> str:
-    """One solution in lines; the point lies on the shape `name`, its feet on `other`."""
+def solution_text(
+    title: str, solution: HausdorffSolution, kinds: dict[str, str], name: str, other: str, diagonal: float | None = None
+) -> str:
+    """One solution in lines; the point lies on the shape `name`, its feet on `other`; `kinds` are those of both."""
     w = solution.witness
     lines = [
         title,
@@ -62,12 +64,12 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
         *_bound_lines(solution, "not proven by this method"),
         *_share_line("  relative ", solution.value, diagonal),
         f"  event    {name_of(solution.event)}",
-        f"  witness  {_place(name, w.element, w.t, w.point)}",
+        f"  witness  {_place(name, kinds[name], w.element, w.t, w.point)}",
     ]
     seen: list[tuple[float, ...]] = []
     for foot, segment, t, weight in zip(w.feet, w.feet_elements, w.feet_params, w.multipliers, strict=True):
         if (here := tuple(np.asarray(foot).tolist())) not in seen:
-            lines.append(f"  foot     {_place(other, segment, t, foot)}, multiplier {float(weight):.4g}")
+            lines.append(f"  foot     {_place(other, kinds[other], segment, t, foot)}, multiplier {float(weight):.4g}")
             seen.append(here)
     if not successful(solution):
         lines.append(f"  result   {_with_sentence(solution.result)}")
@@ -148,15 +150,13 @@ def _with_sentence(item: Any) -> str:
     return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
 
 
-def _place(name: str, segment: Any, t: Any, point: Any) -> str:
-    """A point of a shape with its parameters, which implicit surfaces lack."""
-    if int(segment) < 0:
-        where = ""
-    elif np.ndim(t):
-        kind = "triangle" if len(t) == 3 else "patch"
-        where = f" {kind} {int(segment)}, t = ({', '.join(f'{float(x):.9g}' for x in t)}),"
-    else:
-        where = f" segment {int(segment)}, t = {float(t):.9g},"
+def _place(name: str, kind: str, element: Any, t: Any, point: Any) -> str:
+    """A point of a shape with its element and its parameters there, as far as the kind has them."""
+    label, *parameters = PLACES[kind]
+    where = f" {label} {int(element)}," if label and int(element) >= 0 else ""
+    if where and parameters:
+        numbers = [f"{float(x):.9g}" for x in np.atleast_1d(t)[: len(parameters)]]
+        where += f" t = {numbers[0]}," if len(numbers) == 1 else f" t = ({', '.join(numbers)}),"
     return f"{name}{where} at ({', '.join(f'{float(x):.9g}' for x in point)})"
 
 

@@ -86,7 +86,8 @@ class Deviation(AbstractSolution):
     def quantile(self, q: float) -> Bounds:
         """Bounds of the q-quantile of the distance: the least distance that a fraction q of `a` does not exceed.
 
-        The 0.5 quantile is the median. The 0.9 quantile ignores up to 10 % of outliers.
+        The 0.5 quantile is the median. The 0.9 quantile ignores up to 10 % of outliers. Only the quantile that was
+        passed to `deviation` is within its tolerance; others may be wider.
 
         Args:
             q: a fraction, above 0 and at most 1. It counts as reached within its rounding, 2^-50 q.
@@ -103,6 +104,8 @@ class Deviation(AbstractSolution):
 
     def fraction_within(self, threshold: float) -> Bounds:
         """Bounds of the fraction of `a` whose distance to `b` is at most a threshold.
+
+        No tolerance applies to them; a smaller `rtol` of the deviation narrows them.
 
         Args:
             threshold: a length of at least 0, in the unit of the coordinates.

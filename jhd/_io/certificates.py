@@ -32,7 +32,7 @@ def load_certificate(file: str | Path) -> Certificate:
 
     Raises:
         FileNotFoundError: the file does not exist.
-        ParseError: text that is not strict JSON (NaN and Infinity are refused), with line and column.
+        ParseError: a line that is not strict JSON (NaN and Infinity are refused), with line and column.
         CertificateError: JSON of another structure, or with a duplicate key.
     """
     with _read(file) as content:
@@ -61,7 +61,7 @@ def verify_file(
         CertificateError: JSON of another structure, a claim that is not proven, or a claim about other shapes.
     """
     with _read(file) as content:
-        proven = verify(content, max_seconds, progress)
+        proven = verify(content, max_seconds=max_seconds, progress=progress)
         for name, shape in zip("ab", shapes, strict=False):
             if digest(content[name]) != plain_shape(shape)["sha256"]:
                 raise CertificateError(f"the claim is proven, but {name.upper()} is another shape than the one given.")

@@ -25,8 +25,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     interrupted = "The search was interrupted: the bounds are true and not closed."
     fit_steps_exhausted = "The fit was still improving at its last step: raise max_steps."
     out_of_time = (
-        "The time limit was reached: the bounds are true and not closed, and a fit is the best so far. Raise "
-        "max_seconds, or continue from the parameters of the fit."
+        "The time limit was reached: the bounds are true and not closed; the parameters of a fit are the best so far. "
+        "Raise max_seconds."
     )
     fit_slow_progress = (
         "Slow progress (under 0.1 % a step): the problem is nearly degenerate. Fix redundant parameters, change the "

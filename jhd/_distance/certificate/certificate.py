@@ -100,7 +100,7 @@ class Certificate:
                 part.
             ValueError: `max_seconds` is not a positive number.
         """
-        return verify(self.content, max_seconds, progress)
+        return verify(self.content, max_seconds=max_seconds, progress=progress)
 
     def matches(self, a: ShapeLike, b: ShapeLike) -> bool:
         """Whether the claim is about these shapes: their stored arrays must be identical to the last bit.
@@ -116,7 +116,10 @@ class Certificate:
         return all(digest(self._part(name)) == shape["sha256"] for name, shape in zip("ab", shapes, strict=True))
 
     def to_json(self) -> str:
-        """The certificate as JSON text, with one line for each cell; floats are read back unchanged."""
+        """The certificate as JSON Lines: an object with the numbers of cells, then one line for each cell.
+
+        `jhd.io.load_certificate` reads a file of it; floats are read back unchanged. `content` is the dictionary.
+        """
         return "".join(lines_of(self.content))
 
     def save(self, file: str | Path) -> None:
@@ -130,9 +133,12 @@ class Certificate:
 
 
 def verify(
-    content: Certificate | Mapping[str, object], max_seconds: float | None = None, progress: Callback | None = None
+    content: Certificate | Mapping[str, object], *, max_seconds: float | None = None, progress: Callback | None = None
 ) -> Proven:
     """Check a certificate completely in exact arithmetic, and return the bounds that it proves.
+
+    `jhd verify proof.json` does the same for a file. The checker needs only Python's standard library: without JAX, run
+    `python jhd/_distance/certificate/verification proof.json` in a clone.
 
     >>> import jhd
     >>> a, b = jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 0)])
@@ -141,8 +147,8 @@ def verify(
     ('directed', True)
 
     Args:
-        content: a Certificate, or the JSON object of a certificate as a dictionary. Its lists of cells may be any
-            iterables.
+        content: a Certificate, or its `content`, a dictionary whose lists of cells may be any iterables. To check that
+            it belongs to given shapes, use `certificate.matches(a, b)`.
         max_seconds: time limit in seconds; by default none. The check ends before the first cell if the number of cells
             and the degrees show that it would take longer.
         progress: a function that is called with a Progress, whose stage names the next part of the certificate.

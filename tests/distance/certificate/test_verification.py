@@ -335,7 +335,7 @@ def test_what_is_wrong_with_a_least_distance_is_named(change, reason):
 def test_a_certificate_as_it_was_made_is_verified_and_a_file_name_is_named(as_a_user):
     content = facing()
     assert verify(SimpleNamespace(content=content)) == verify(content)
-    with pytest.raises(CertificateError, match="no certificate but text: jhd.io.load_certificate, or `opened`"):
+    with pytest.raises(CertificateError, match="a text is no certificate: read the file with jhd.io.load_certificate"):
         verify("proof.json")
 
 

@@ -73,7 +73,7 @@ class ShapeSize(NamedTuple):
 def check_content(content: Any) -> dict[str, ShapeSize]:
     """Return the sizes of the shapes; raise CertificateError if anything except the cells is malformed."""
     if isinstance(content, str | bytes | PathLike):
-        raise CertificateError("is no certificate but text: jhd.io.load_certificate, or `opened`, reads a file.")
+        raise CertificateError("a text is no certificate: read the file with jhd.io.load_certificate or `opened`.")
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise CertificateError(f"is no certificate: it has no format {FORMAT!r}.")
     if content.get("version") != VERSION or isinstance(content["version"], bool):
