@@ -10,6 +10,7 @@ from matplotlib.image import imread
 
 import jhd
 from jhd.__main__ import main
+from jhd._cli.report import place_text
 from jhd.io import load_mesh, load_result, save_mesh
 
 # A tetrahedron, and the same one moved by 1/4 along x: the corner (-1, 0, 0) of the first is farthest from the second.
@@ -39,6 +40,16 @@ def test_the_distance_of_meshes_is_printed_with_triangle_and_barycentric_coordin
     assert "closed mesh of 4 triangles" in out and "directed distance from A to B" in out
     assert "witness  A triangle" in out and "at (-1, 0, 0)" in out
     assert imread("picture.png").std() > 0.01
+
+
+def test_a_witness_is_named_by_its_kind_of_shape_without_padding(run):
+    np.save("p.npy", [(0.0, 0, 0), (0, 0, 5)])
+    status, out, _ = run("hausdorff", "p.npy", "a.ply", "--directed")
+    assert status == 0 and "witness  A point 1, at (0, 0, 5)" in out and "foot     B triangle" in out
+    assert (
+        place_text("B", "parametric surface", 6, (0.5, 0.25, 0), (1, 2, 3))
+        == "B patch 6, t = (0.5, 0.25), at (1, 2, 3)"
+    )
 
 
 def test_json_of_a_mesh_distance_is_a_saved_result(run, tmp_path):

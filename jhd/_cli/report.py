@@ -64,12 +64,14 @@ def solution_text(
         *_bound_lines(solution, "not proven by this method"),
         *_share_line("  relative ", solution.value, diagonal),
         f"  event    {name_of(solution.event)}",
-        f"  witness  {_place(name, kinds[name], w.element, w.t, w.point)}",
+        f"  witness  {place_text(name, kinds[name], w.element, w.t, w.point)}",
     ]
     seen: list[tuple[float, ...]] = []
     for foot, segment, t, weight in zip(w.feet, w.feet_elements, w.feet_params, w.multipliers, strict=True):
         if (here := tuple(np.asarray(foot).tolist())) not in seen:
-            lines.append(f"  foot     {_place(other, kinds[other], segment, t, foot)}, multiplier {float(weight):.4g}")
+            lines.append(
+                f"  foot     {place_text(other, kinds[other], segment, t, foot)}, multiplier {float(weight):.4g}"
+            )
             seen.append(here)
     if not successful(solution):
         lines.append(f"  result   {_with_sentence(solution.result)}")
@@ -150,7 +152,7 @@ def _with_sentence(item: Any) -> str:
     return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
 
 
-def _place(name: str, kind: str, element: Any, t: Any, point: Any) -> str:
+def place_text(name: str, kind: str, element: Any, t: Any, point: Any) -> str:
     """A point of a shape with its element and its parameters there, as far as the kind has them."""
     label, *parameters = PLACES[kind]
     where = f" {label} {int(element)}," if label and int(element) >= 0 else ""

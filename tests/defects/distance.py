@@ -207,7 +207,16 @@ DEFECTS = [
             "    if False:\n",
             "test_a_method_holds_the_options_and_not_both_are_given",
         ),
-        ("if clock.is_over():", "if False:", "test_the_time_limit_ends_a_search_with_the_bounds_reached"),
+    ),
+    *within(
+        "_distance/search/search.py",
+        "distance/test_minimum.py",
+        ("if self.clock.is_over():", "if False:", "test_the_time_limit_ends_a_search_with_the_bounds_reached"),
+    ),
+    *within(
+        "_distance/search/distribution.py",
+        "distance/test_deviation.py",
+        ("if self._is_over():", "if False:", "test_a_time_limit_ends_a_step_and_leaves_true_bounds"),
     ),
     *within(
         "_distance/collections/entries.py",
