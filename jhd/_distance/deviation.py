@@ -281,7 +281,8 @@ def _in_units(
     frame, over, flat = pair.frame, found.cells.over, found.cells.flat
     ends = partial(_lengths, frame, pair.moved)
     kind = UndifferentiatedBounds if is_traced(*jax.tree_util.tree_leaves((a, b))) else Bounds
-    mean, rms = (kind(*ends(*known)) for known in ((found.lower, found.upper), found.rms))
+    known = ends(found.lower, found.upper), ends(*found.rms)
+    mean, rms = (kind(low, high) for low, high in known)
     lower, upper = ends(over.lower, over.upper)
     place = np.asarray(frame.place(np.mean(flat.corners, axis=1)))[:, : a.dim]
     affine = np.stack(_affine_lengths(frame, pair.moved, over.ends), axis=2)

@@ -1,7 +1,7 @@
 """Results of `deviation`: statistics of the distance to one shape over another, with their bounds."""
 
 import numbers
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, SupportsFloat
 
 import equinox as eqx
 import jax
@@ -43,6 +43,9 @@ class DistanceSamples(NamedTuple):
 
 class UndifferentiatedBounds(Bounds):
     """Bounds of the mean or RMS under `jax.grad`, where a constant value would have derivative zero."""
+
+    def __init__(self, lower: SupportsFloat, upper: SupportsFloat):
+        super().__init__(lower, upper)
 
     def __float__(self) -> float:
         return 0.5 * self.lower + 0.5 * self.upper
