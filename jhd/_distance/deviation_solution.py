@@ -48,7 +48,10 @@ class UndifferentiatedBounds(Bounds):
         super().__init__(lower, upper)
 
     def __float__(self) -> float:
-        return 0.5 * self.lower + 0.5 * self.upper
+        return float(Bounds(self.lower, self.upper))
+
+    def __repr__(self) -> str:
+        return repr(Bounds(self.lower, self.upper))
 
     @property
     @override

@@ -164,7 +164,7 @@ def histogram(
     below += [weight[affine] @ np.mean(shares_below(middle[affine], end), axis=0) for end in edges[1:-1]]
     heights = np.diff(np.concatenate([[0.0], below, [weight.sum()]]))
     ax.bar(edges[:-1], 100 * heights / weight.sum(), np.diff(edges), align="edge", color=BLUE, gid="histogram_bars")
-    marks = (("mean", found.mean.value, "-", "black"), ("rms", found.rms.value, "--", "black"))
+    marks = (("mean", float(found.mean), "-", "black"), ("rms", float(found.rms), "--", "black"))
     for name, value, style, color in (*marks, ("max.", top, ":", VERMILLION)):
         ax.axvline(value, color=color, linestyle=style, linewidth=1.2, label=name, gid=name)
     ax.set_xlim(0, 1.04 * edges[-1])

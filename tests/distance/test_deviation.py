@@ -1,5 +1,6 @@
 """The deviation of shapes whose distributions of distances are known, and what is refused."""
 
+import itertools
 import json
 import math
 import os
@@ -15,6 +16,9 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.cells.mean_bounds import distances_over
+from jhd._distance.search import distribution
+from jhd._runtime.clock import Clock
 from jhd._runtime.decimals import lower_text, upper_text
 from tests.sweeps import swept
 
@@ -354,16 +358,26 @@ def test_a_mean_under_grad_is_a_number_without_a_derivative():
 
     with pytest.raises(TypeError, match="no derivative: use jhd.MeanDistance"):
         jax.grad(mean)(np.array(SEGMENT, float), lambda bounds: bounds.value)
-    assert np.all(jax.grad(lambda x: mean(x, float) * x[0, 0])(np.array(SEGMENT, float))[1:] == 0)
+    plain = mean(np.array(SEGMENT, float), lambda bounds: bounds)
+    _, traced = jax.grad(lambda x: (x[0, 0], mean(x, lambda bounds: bounds)), has_aux=True)(np.array(SEGMENT, float))
+    assert (repr(traced), float(traced), traced.to_dict()) == (repr(plain), float(plain), plain.to_dict())
 
 
-def test_a_time_limit_ends_a_step_and_leaves_true_bounds():
-    curve = jhd.polyline([(0.0, 0.0), (1.0, 0.0)])
-    found = jhd.deviation(curve, jhd.point_set([(0.0, 0.0)]), max_seconds=1e-9, throw=False)
+@pytest.mark.parametrize("after", [0, 1, 2, 3, 5, 8])
+def test_a_time_limit_ends_a_step_and_leaves_true_bounds(monkeypatch, after):
+    calls, bounded = itertools.count(), []
+    monkeypatch.setattr(Clock, "is_over", lambda clock: next(calls) >= after)
+    monkeypatch.setattr(distribution, "_AT_ONCE", 2)
+    monkeypatch.setattr(
+        distribution, "distances_over", lambda *cells: bounded.append(len(cells[3])) or distances_over(*cells)
+    )
+    zigzag = jhd.polyline([(0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (-1.0, 0.0), (0.0, 0.0)])
+    found = jhd.deviation(zigzag, jhd.point_set([(0.0, 0.0)]), rtol=1e-9, max_seconds=60, throw=False)
     assert found.result == jhd.RESULTS.out_of_time
-    assert found.stats["steps"] == 0
-    assert found.mean.lower <= 0.5 <= found.mean.upper <= found.maximum.upper * (1 + 1e-12)
-    assert found.quantile(0.5).lower <= 0.5 <= found.quantile(0.5).upper
+    # Each look at the clock lets two cells through at most; the first looks are those of the search for the maximum.
+    assert sum(bounded) <= 2 * after
+    assert encloses(found.mean, 0.5) and encloses(found.rms, 3**-0.5)
+    assert encloses(found.quantile(0.5), 0.5) and encloses(found.fraction_within(0.25), 0.25)
 
 
 def triangulated(net: np.ndarray, count: int) -> tuple[Any, jhd.TriangleMesh]:

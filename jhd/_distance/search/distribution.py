@@ -27,7 +27,7 @@ from jhd._runtime.arrays import joined, taken
 # Cells cut in a step: at most, and at least if there are enough; and the fraction of the gap that they leave.
 _BATCH, _LEAST, _MOST_OF = 1 << 13, 64, 0.8
 # Cells that get bounds at once under a time limit: those of a step may take a minute.
-_AT_ONCE = 1 << 7
+_AT_ONCE = 1 << 8
 # Cells are cut down to this width.
 _THIN = 2.0**-40
 # Contribution to the gap of a cell without an upper bound; sums of it stay finite.
@@ -125,8 +125,7 @@ class DistributionSearch(AbstractSearch):
     ):
         self._source, self._target, self._dtype, self._most = source, target, np.dtype(dtype), most
         self._allowed, self._max_cells, self.max_steps, self._share = allowed, max_cells, max_steps, share
-        self._heights, self._is_over = heights, is_over or (lambda: False)
-        self._at_once = _AT_ONCE if is_over else max_cells * 4
+        self._heights, self._is_over = heights, is_over
 
     @override
     def begin(self) -> _DistributionState:
@@ -136,7 +135,7 @@ class DistributionSearch(AbstractSearch):
     @override
     def advance(self, state: _DistributionState, limit: int, growing: bool) -> tuple[_DistributionState, Standing]:
         found, scores = self._found(state)
-        while self._goes_on(found, scores) and state.steps < limit and not self._is_over():
+        while self._goes_on(found, scores) and state.steps < limit and not self._ends():
             state = self._step(state, scores)
             found, scores = self._found(state)
         waiting = int(np.count_nonzero(scores))
@@ -153,7 +152,8 @@ class DistributionSearch(AbstractSearch):
         if self._source.dimension == 0:
             return DistanceCells(cells, flat, self._measured(flat.corners[:, 0], flat.slack))
         count = len(cells.piece)
-        blocks = [np.arange(k, min(k + self._at_once, count)) for k in range(0, max(count, 1), self._at_once)]
+        size = max(count, 1) if self._is_over is None else _AT_ONCE
+        blocks = [np.arange(k, min(k + size, count)) for k in range(0, max(count, 1), size)]
         reach = np.full(count, NEAR) if parents is None else parents.reach
         over = joined([self._over(cells.take(rows), flat.take(rows), reach[rows]) for rows in blocks])
         upper = np.minimum(over.upper, self._most)
@@ -166,13 +166,15 @@ class DistributionSearch(AbstractSearch):
         over = over._replace(lower=lower, upper=upper, mean=mean, square=np.stack(ends, axis=1))
         return DistanceCells(cells, flat, over)
 
+    def _ends(self) -> bool:
+        return self._is_over is not None and self._is_over()
+
     def _over(self, cells: CellRows, flat: FlatCells, reach: np.ndarray) -> OverCells:
-        """Return the bounds over cells, apart from those that hold for all; none if the time is up."""
-        if self._is_over():
-            known, corners = np.array([0.0, self._most]), flat.corners.shape[:2]
-            over = np.tile(known, (len(reach), 1))
-            ends = np.broadcast_to(known, (*corners, 2))
-            return OverCells(over[:, 0], over[:, 1], over, over**2, reach, ends, np.zeros(corners))
+        """Return the bounds over cells, without those that hold for all; if the time is up, no others are known."""
+        if self._ends():
+            none, corners = np.tile([0.0, np.inf], (len(reach), 1)), flat.corners.shape[:2]
+            ends = np.broadcast_to([0.0, self._most], (*corners, 2))
+            return OverCells(none[:, 0], none[:, 1], none, none, reach, ends, np.zeros(corners))
         heights = None if self._heights is None else partial(self._heights.over, cells)
         return distances_over(flat, self._target, self._dtype, reach, self._allowed(0.0), heights)
 
