@@ -9,7 +9,8 @@ import numpy as np
 from jhd._io.errors import ParseError, read_bytes, read_text, shown
 from jhd._io.ply import read_ply
 from jhd._io.tables import table_in
-from jhd._shapes.curve import BezierSegments, point_set
+from jhd._shapes.curve import BezierSegments
+from jhd._shapes.simple_curves import point_set
 
 # Formats that hold only points; a .ply file may hold a mesh too.
 CLOUD_SUFFIXES = (".xyz", ".csv", ".txt", ".npy")

@@ -22,7 +22,8 @@ from jhd._io.iges_writer import save_iges
 from jhd._io.svg import load_svg, save_svg
 from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.bspline import BSplineCurve
-from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve, circle, point_set, polyline
+from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd._shapes.simple_curves import circle, point_set, polyline
 
 CURVE_KINDS: Kinds = {
     "BezierCurve": DescribedKind(BezierCurve, ("control_points",), ("weights",)),

@@ -27,9 +27,10 @@ from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd._shapes.bspline import BSplineCurve
 from jhd._shapes.bspline_surface import BSplineSurface
-from jhd._shapes.curve import AbstractCurve, BezierSegments, circle, point_set, polyline
+from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.implicit_mesh import NotRegularError
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import BezierPatch, BezierPatches, Partials, PatchMesh
 from jhd._shapes.prepared import Prepared, prepare
+from jhd._shapes.simple_curves import circle, point_set, polyline

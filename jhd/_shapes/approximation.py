@@ -6,6 +6,8 @@ from typing import Any, Generic, TypeVar
 import equinox as eqx
 
 from jhd._results.display import fields_shown
+from jhd._runtime.arrays import is_traced, real_array
+from jhd._shapes.checks import Numbers
 
 Approximating = TypeVar("Approximating")
 
@@ -27,3 +29,20 @@ class Approximation(eqx.Module, Generic[Approximating]):
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.shape, self.deviation))
+
+
+def checked_tolerance(tolerance: Numbers, shape: object, needed: str, pieces: str) -> float:
+    """The tolerance of an approximation, a positive number.
+
+    Args:
+        tolerance: as passed by the user.
+        shape: the shape to approximate.
+        needed: start of the message if `shape` or `tolerance` is traced.
+        pieces: the parts of the approximation, for the same message.
+    """
+    if is_traced(shape, tolerance):
+        raise TypeError(f"{needed} and tolerance: the number of {pieces} depends on them.")
+    value = real_array("tolerance", tolerance)
+    if value.shape != () or not float(value) > 0:
+        raise ValueError(f"tolerance is {value}; needs one positive number.")
+    return float(value)

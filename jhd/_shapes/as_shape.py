@@ -17,11 +17,12 @@ from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.bspline import BSplineCurve
 from jhd._shapes.bspline_surface import BSplineSurface
 from jhd._shapes.checks import Table
-from jhd._shapes.curve import AbstractCurve, BezierSegments, point_set
+from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.foreign import ForeignShape
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh, kind_of
 from jhd._shapes.patch import AbstractPatch, BezierPatch
+from jhd._shapes.simple_curves import point_set
 
 Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 ShapeLike = TypeAliasType("ShapeLike", Shape | Table | tuple[Table, Table] | ForeignShape)

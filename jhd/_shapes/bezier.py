@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from jhd._results.display import batch_text
 from jhd._runtime.arrays import is_traced, real_array
-from jhd._shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
-from jhd._shapes.curve import AbstractCurve, BezierSegments, affine_image
+from jhd._shapes.checks import Numbers, check_degrees, checked_between, checked_net, checked_parameter
+from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.homogeneous import cartesian, elevate, evaluate, hodograph, restrict, split
 from jhd._shapes.unchecked import segments_of
 
@@ -39,9 +39,7 @@ class BezierCurve(AbstractCurve):
     weights: Float[Array, " points"] | None
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None):
-        self.control_points = real_array("control_points", control_points)
-        self.weights = None if weights is None else real_array("weights", weights)
-        check_control_points(self.control_points, self.weights, ("points", "dim"))
+        self.control_points, self.weights = checked_net(control_points, weights, ("points", "dim"))
         check_degrees(self.control_points.dtype, self.degree)
 
     def _summary(self) -> str:
@@ -116,15 +114,3 @@ class BezierCurve(AbstractCurve):
     def reverse(self) -> "BezierCurve":
         """The same point set, traversed in the opposite direction: t becomes 1 - t."""
         return BezierCurve(self.control_points[::-1], None if self.weights is None else self.weights[::-1])
-
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierCurve":
-        """The image under x -> matrix x + offset; differentiable in both.
-
-        Args:
-            matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
-            offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
-
-        Raises:
-            ValueError: wrong shapes, NaN or infinity.
-        """
-        return BezierCurve(affine_image(self.control_points, matrix, offset), self.weights)

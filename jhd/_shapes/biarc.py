@@ -177,7 +177,7 @@ def biarcs(curve: ShapeLike, tolerance: Numbers) -> BiarcCurve:
 def least_tolerance(curve: Any) -> float:
     """The smallest tolerance that `biarcs` accepts: four times the rounding error of a deviation; 0 for polylines.
 
-    >>> from jhd._shapes.curve import polyline
+    >>> from jhd._shapes.simple_curves import polyline
     >>> least_tolerance(polyline([[0, 0], [1, 2]]))
     0.0
 

@@ -16,18 +16,8 @@ from jhd._arithmetic.bernstein import basis, binomials
 from jhd._runtime.arrays import joined
 from jhd._shapes.deviation import SHORT, HostArcs, HostCurve, Pieces, deviation, evaluated, pieces_of
 
-# Parameters inside a piece at which the joint's equation is sampled, and most steps of the root find after that.
-_SAMPLES, _STEPS = 15, 12
-# The root find ends when no parameter moves by more.
-_CLOSE = 1e-13
-# The equation of the joint holds everywhere on lines and circles; below this it is rounding.
-_FLAT = 1e-12
-# A velocity below this fraction of the largest one has no reliable direction.
-_STILL = 1e-9
-# A control point this near to an end, as a fraction of the farthest, gives no tangent direction there.
-_NEAR = 1e-3
-# Pieces below this fraction of the tolerance that no biarc fits (cusps) become lines.
-_SPECK = 1 / 16
+# Parameters inside a piece at which the joint's equation is sampled.
+_SAMPLES = 15
 # A biarc of length h errs by h^2 / 324 times the change of curvature if the curvature grows evenly (Meek & Walton
 # 1995). No biarc is tried if this error exceeds _HOPELESS tolerances.
 _SHARE, _HOPELESS = 324, 4
@@ -47,7 +37,8 @@ def fitted(curve: HostCurve, tolerance: float) -> HostArcs:
         pieces = pieces_of(curve, todo)
         middle = curve.number(0.5 * (todo.t0 + todo.t1))
         whole = (middle <= todo.t0) | (middle >= todo.t1)
-        speck = curve.length(np.abs(pieces.offsets).max(axis=0)) <= _SPECK * tolerance
+        # Pieces below this fraction of the tolerance that no biarc fits (cusps) become lines.
+        speck = curve.length(np.abs(pieces.offsets).max(axis=0)) <= tolerance / 16
         todo = _measured(curve, todo, pieces, whole | speck)
         straight = todo.deviation <= min(tolerance, 2 * curve.rounding)
         fits = np.zeros(len(whole), bool)
@@ -122,7 +113,8 @@ def _tangents(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[np.nda
         weight, slope = evaluated(curve.weights[:, both], t)
         velocity, steps = velocity * weight - value * slope, steps * weight
     size = np.abs(velocity)
-    still = np.flatnonzero(size <= _STILL * steps)
+    # A velocity below this fraction of the largest one has no reliable direction.
+    still = np.flatnonzero(size <= 1e-9 * steps)
     if len(still):
         velocity[still] = np.concatenate([_away(pieces.offsets), -_away(pieces.offsets[::-1])])[still]
         size = np.abs(velocity)
@@ -133,7 +125,8 @@ def _tangents(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[np.nda
 def _away(offsets: np.ndarray) -> np.ndarray:
     """The vector from each first control point to the next control point that differs from it."""
     away = offsets[1:] - offsets[:1]
-    next_ = np.argmax(np.abs(away) > _NEAR * np.abs(away).max(axis=0), axis=0)
+    # A control point this near to an end, as a fraction of the farthest, gives no tangent direction there.
+    next_ = np.argmax(np.abs(away) > 1e-3 * np.abs(away).max(axis=0), axis=0)
     return away[next_, np.arange(away.shape[1])]
 
 
@@ -171,7 +164,8 @@ def _joint(pieces: Pieces, turn: np.ndarray, slack: np.ndarray) -> tuple[np.ndar
     k = np.arange(len(turn))
     crossed, middle = crossing[place, k], _SAMPLES // 2
     off = np.abs(sine[middle])
-    even = (cosine[middle] > 0) & ((off < _FLAT) | ~crossed & (off < slack))
+    # The equation of the joint holds everywhere on lines and circles; below this it is rounding.
+    even = (cosine[middle] > 0) & ((off < 1e-12) | ~crossed & (off < slack))
     share = np.full(len(turn), 0.5)
     rows_ = np.flatnonzero(crossed & ~even)
     if len(rows_):
@@ -207,10 +201,11 @@ def _horner(c: np.ndarray, t: np.ndarray) -> np.ndarray:
 def _root(f: Callable[[np.ndarray], np.ndarray], a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """A zero of f between a and b, at which f has opposite signs, by the Illinois rule."""
     fa, fb = f(a), f(b)
-    for _ in range(_STEPS):
+    for _ in range(12):
         slope = fb - fa
         x = np.where(slope == 0, b, b - fb * (b - a) / np.where(slope == 0, 1.0, slope))
-        if np.abs(x - b).max() < _CLOSE:
+        # The root find ends when no parameter moves by more.
+        if np.abs(x - b).max() < 1e-13:
             break
         fx = f(x)
         opposite = fx * fb < 0

@@ -19,7 +19,7 @@ from jhd._results.display import batch_text, count_text
 from jhd._runtime.argument_hints import belongs
 from jhd._runtime.arrays import is_traced, module_of, real_array
 from jhd._shapes.checks import Numbers, check_control_points, check_degrees, checked_between
-from jhd._shapes.curve import AbstractCurve, BezierSegments, affine_image
+from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.foreign import SciPySpline
 from jhd._shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd._shapes.joints import completed
@@ -341,19 +341,6 @@ class BSplineCurve(AbstractCurve):
         turned = (start + stop - knots[::-1])[: self.knots.shape[-1]]
         points, weights = cartesian(h[::-1][: self.control_points.shape[-2]], self.weights is not None)
         return BSplineCurve(points, turned, weights, self.periodic)
-
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineCurve":
-        """The image under x -> matrix x + offset; differentiable in both.
-
-        Args:
-            matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
-            offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
-
-        Raises:
-            ValueError: wrong shapes, NaN or infinity.
-        """
-        points = affine_image(self.control_points, matrix, offset)
-        return BSplineCurve(points, self.knots, self.weights, self.periodic)
 
 
 def _rows(control_points: Numbers) -> Array:

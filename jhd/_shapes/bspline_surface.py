@@ -15,11 +15,10 @@ from jaxtyping import Array, Float
 from jhd._results.display import batch_text, size_text
 from jhd._runtime.argument_hints import belongs
 from jhd._runtime.arrays import is_traced, module_of, real_array
-from jhd._shapes.checks import Numbers, check_degrees
-from jhd._shapes.curve import affine_image
+from jhd._shapes.checks import Numbers, check_degrees, checked_net
 from jhd._shapes.homogeneous import cartesian, homogeneous, in_unit, out_of_unit
 from jhd._shapes.knots import bezier_pieces, evaluate, parted
-from jhd._shapes.patch import AbstractPatch, BezierPatches, checked_net
+from jhd._shapes.patch import AbstractPatch, BezierPatches
 
 
 class BSplineSurface(AbstractPatch):
@@ -168,19 +167,6 @@ class BSplineSurface(AbstractPatch):
         h, knots_v = _restricted(jnp.swapaxes(h, 0, 1), np.asarray(self.knots_v), q, ends_v)
         points, weights = cartesian(jnp.swapaxes(h, 0, 1), self.weights is not None)
         return BSplineSurface(points, knots_u, knots_v, weights)
-
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineSurface":
-        """The image under x -> matrix x + offset; differentiable in both.
-
-        Args:
-            matrix: (3, 3) real numbers.
-            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
-
-        Raises:
-            ValueError: wrong shapes, NaN or infinity.
-        """
-        points = affine_image(self.control_points, matrix, offset)
-        return BSplineSurface(points, self.knots_u, self.knots_v, self.weights)
 
 
 def _within(name: str, ends: tuple[Numbers, Numbers], domain: tuple[Array, Array]) -> tuple[float, float]:

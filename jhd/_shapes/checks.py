@@ -55,6 +55,14 @@ def check_control_points(control_points: Array, weights: Array | None, axes: tup
         raise ValueError(f"weights range from {least:g} to {most:g}; their ratio must be at most {limit:g}.")
 
 
+def checked_net(control_points: Numbers, weights: Numbers | None, axes: tuple[str, ...]) -> tuple[Array, Array | None]:
+    """Control points and their weights as arrays, checked by `check_control_points`."""
+    points = real_array("control_points", control_points)
+    given = None if weights is None else real_array("weights", weights)
+    check_control_points(points, given, axes)
+    return points, given
+
+
 def check_same_dim(a: int, b: int) -> None:
     """Raise ValueError unless points of both shapes have equally many coordinates."""
     if a != b:

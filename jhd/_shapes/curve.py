@@ -4,25 +4,26 @@ A `BezierSegments` is a union of (rational) Bezier segments of one degree. It ne
 several contours, polylines and point sets (degree 0) all have this form.
 """
 
-import math
+import dataclasses
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
+from typing_extensions import override
 
 from jhd._results.display import batch_text, count_text, described, is_known, net_text, opaque
 from jhd._runtime.arrays import array_of, is_traced, module_of, on_host, real_array
 from jhd._shapes import convert, sketches
-from jhd._shapes.approximation import Approximation
-from jhd._shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
+from jhd._shapes.approximation import Approximation, checked_tolerance
+from jhd._shapes.checks import Numbers, check_degrees, checked_between, checked_net, checked_parameter
 from jhd._shapes.flattening import flattened, pieces_following
-from jhd._shapes.foreign import HasCoords, HasVertices, ShapelyGeometry
-from jhd._shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
+from jhd._shapes.foreign import HasVertices, ShapelyGeometry
+from jhd._shapes.homogeneous import affine_image, cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd._shapes.joints import checked, completed, followed, joints, linked, turned
 
 
@@ -57,10 +58,6 @@ class AbstractCurve(eqx.Module):
         """The curve, written in a higher degree."""
 
     @abstractmethod
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractCurve":
-        """The image under x -> matrix x + offset; differentiable in both."""
-
-    @abstractmethod
     def _summary(self) -> str:
         """Degree and counts, for the curve as it is printed."""
 
@@ -81,6 +78,21 @@ class AbstractCurve(eqx.Module):
     def dim(self) -> int:
         """Number of coordinates."""
         return self.control_points.shape[-1]
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> Self:
+        """The image under x -> matrix x + offset; differentiable in both. Joints are kept.
+
+        Args:
+            matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
+            offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
+        return self._with_points(affine_image(self.control_points, matrix, offset))
+
+    def _with_points(self, points: Array) -> Self:
+        return dataclasses.replace(self, control_points=points)
 
     def to_polyline(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> "Approximation[BezierSegments]":
         """A polyline through points of the curve, with a certified deviation of at most `tolerance` in both directions.
@@ -182,9 +194,7 @@ class BezierSegments(AbstractCurve):
     links: Float[Array, "segments 2"] | Int[Array, " segments"] = eqx.field(metadata={"name": "next_segment"})
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None, next_segment: Numbers | None = None):
-        self.control_points = real_array("control_points", control_points)
-        self.weights = None if weights is None else real_array("weights", weights)
-        check_control_points(self.control_points, self.weights, ("segments", "points", "dim"))
+        self.control_points, self.weights = checked_net(control_points, weights, ("segments", "points", "dim"))
         check_degrees(self.control_points.dtype, self.degree)
         self.links = linked(joints(self.control_points) if next_segment is None else checked(next_segment, self.count))
 
@@ -352,18 +362,9 @@ class BezierSegments(AbstractCurve):
         """The same point set, traversed in the opposite direction."""
         return self._completed(self.homogeneous[::-1, ::-1], turned(self.next_segment))
 
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierSegments":
-        """The image under x -> matrix x + offset; differentiable in both. Joints are kept.
-
-        Args:
-            matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
-            offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
-
-        Raises:
-            ValueError: wrong shapes, NaN or infinity.
-        """
-        control_points = affine_image(self.control_points, matrix, offset)
-        return BezierSegments(control_points, self.weights, completed(self.next_segment, control_points))
+    @override
+    def _with_points(self, points: Array) -> "BezierSegments":
+        return BezierSegments(points, self.weights, completed(self.next_segment, points))
 
     def pad(self, count: int) -> "BezierSegments":
         """The same point set with `count` segments, so that ragged curves fit one batch; the last segment is repeated.
@@ -437,122 +438,11 @@ def check_curve(name: str, value: object) -> None:
 
 def _approximated(curve: AbstractCurve, degree: int, tolerance: Numbers, most: int) -> "Approximation[BezierSegments]":
     """The checked curve as lines (degree 1) or cubics (degree 3) within the tolerance, with their largest deviation."""
-    if is_traced(curve, tolerance):
-        raise TypeError(
-            "an approximation needs a concrete curve and tolerance: the number of segments depends on them."
-        )
-    tolerance = real_array("tolerance", tolerance)
-    if tolerance.shape != () or not float(tolerance) > 0:
-        raise ValueError(f"tolerance is {tolerance}; needs one positive number.")
+    wanted = checked_tolerance(tolerance, curve, "an approximation needs a concrete curve", "segments")
     segments = curve.segments()
     if segments.degree == 0:
         raise ValueError("the curve is a point set (degree 0); join its points with jhd.polyline first.")
     points, weights = np.asarray(segments.control_points), segments.weights
-    found = flattened(points, None if weights is None else np.asarray(weights), degree, float(tolerance), most)
+    found = flattened(points, None if weights is None else np.asarray(weights), degree, wanted, most)
     next_segment = pieces_following(found.segment, np.asarray(segments.next_segment))
     return Approximation(BezierSegments(found.control_points, None, next_segment), found.deviation)
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
-    """Rows x of `points` mapped to matrix x + offset.
-
-    Raises:
-        ValueError: the matrix does not take points of this dimension, or the offset does not fit its result.
-    """
-    matrix, offset = real_array("matrix", matrix), real_array("offset", offset)
-    if matrix.ndim != 2 or matrix.shape[1] != points.shape[-1]:
-        raise ValueError(f"matrix has shape {matrix.shape}; needs (dim, {points.shape[-1]}).")
-    if offset.ndim > 1 or offset.shape not in ((), (1,), (matrix.shape[0],)):
-        raise ValueError(f"offset has shape {offset.shape}; needs ({matrix.shape[0]},).")
-    # A sum of products in full precision: matrix products may run in reduced precision on accelerators.
-    rows, columns, shift = on_host(points, matrix, offset)
-    return array_of((rows[..., None, :] * columns).sum(axis=-1) + shift)
-
-
-def point_set(array: Numbers) -> BezierSegments:
-    """A point set as a curve of degree 0, with one segment per point.
-
-    >>> import jhd
-    >>> jhd.point_set([[0, 0], [3, 4]])
-    BezierSegments(2 points, in the plane, box (0, 0) to (3, 4))
-
-    Args:
-        array: (count, 2) or (count, 3) coordinates, in any unit of length.
-
-    Returns:
-        The points in the given order.
-
-    Raises:
-        ValueError: wrong shape, no point, NaN or infinity.
-    """
-    (rows,) = on_host(_rows("points", array, 1))
-    return BezierSegments(rows[:, None, :])
-
-
-def polyline(points: Numbers | HasCoords, closed: bool = False) -> BezierSegments:
-    """The straight segments that join consecutive points; a closed polyline also joins the last point to the first.
-
-    >>> import jhd
-    >>> jhd.polyline([[0, 0], [1, 0], [1, 1]], closed=True).count
-    3
-
-    Args:
-        points: (count, 2) or (count, 3) coordinates of at least two points, in any unit of length; or an object with
-            `coords`, for example a shapely LineString.
-        closed: whether to join the last point to the first. Nothing is added if both already agree.
-
-    Returns:
-        Segments of degree 1 in the given order.
-
-    Raises:
-        ValueError: wrong shape, fewer than two points, NaN or infinity.
-    """
-    (rows,) = on_host(_rows("points", getattr(points, "coords", points), 2))
-    xp = module_of(rows)
-    if closed and (is_traced(rows) or bool(np.any(rows[0] != rows[-1]))):
-        rows = xp.concatenate([rows, rows[:1]])
-    return BezierSegments(xp.stack([rows[:-1], rows[1:]], axis=1))
-
-
-def _rows(name: str, value: object, least: int) -> Array:
-    rows = real_array(name, value)
-    if rows.ndim != 2 or rows.shape[-1] not in (2, 3):
-        turned = " Points are rows: pass its transpose?" if rows.ndim == 2 and rows.shape[0] in (2, 3) else ""
-        raise ValueError(f"{name} has shape {rows.shape}; needs (points, 2) or (points, 3).{turned}")
-    if rows.shape[0] < least:
-        raise ValueError(f"{name} has {rows.shape[0]} points; needs at least {least}.")
-    return rows
-
-
-def circle(center: Numbers, radius: Numbers) -> BezierSegments:
-    """A circle as four rational quadratic quarters, counter-clockwise from angle 0.
-
-    The weights 1, sqrt(1/2), 1 are rounded, so the stored curve leaves the true circle by about an ulp of the radius.
-
-    >>> import jhd
-    >>> jhd.circle([0, 0], 2).control_points[0].tolist()
-    [[2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
-
-    Args:
-        center: (2,) coordinates of the center, in any unit of length.
-        radius: positive radius, in the unit of the center.
-
-    Returns:
-        A closed curve of four segments.
-
-    Raises:
-        ValueError: wrong shape, NaN or infinity, or a radius that is not positive.
-    """
-    center, radius = real_array("center", center), real_array("radius", radius)
-    if center.shape != (2,):
-        raise ValueError(f"center has shape {center.shape}; needs (2,).")
-    if radius.shape != ():
-        raise ValueError(f"radius has shape {radius.shape}; needs a scalar.")
-    if not is_traced(radius) and float(radius) <= 0:
-        raise ValueError(f"radius is not positive: {float(radius):g}.")
-    corners = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], dtype=float)
-    quarters = np.stack([corners[2 * k : 2 * k + 3] for k in range(4)])
-    weights = np.broadcast_to([1.0, math.sqrt(0.5), 1.0], (4, 3))
-    middle, length = on_host(center, radius)
-    return BezierSegments(middle + length * quarters, weights, np.array([1, 2, 3, 0]))

@@ -42,8 +42,6 @@ from jhd._arithmetic.scaling import common_exponent, unit_weights
 
 # Arcs of ellipses have a middle weight below 1 by more than this; relative rounding error of their bound.
 _BENT, _ROOM = 1e-8, 1e-5
-# Halvings after which the ends of a piece no longer differ.
-_DEEPEST = 40
 
 
 class FlatPieces(NamedTuple):
@@ -103,7 +101,8 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, toler
         raise ValueError(f"tolerance is {tolerance:g}, below the rounding of the coordinates; try {2 * least:.1g}.")
     segment, t0, t1 = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[np.ndarray, ...]] = []
-    for _ in range(_DEEPEST):
+    # Halvings after which the ends of a piece no longer differ.
+    for _ in range(40):
         pieces, bound = _pieces(curve, segment, t0, t1, degree)
         with np.errstate(over="ignore"):
             bound = np.nextafter(np.ldexp(bound, unit), np.inf)

@@ -1,4 +1,4 @@
-"""Arrays of (rational) Bezier control points in homogeneous form, and their derivatives.
+"""Arrays of (rational) Bezier control points in homogeneous form, their derivatives and their affine images.
 
 Homogeneous form: points times weights, with the weights as the last coordinate; without weights just the points.
 """
@@ -15,7 +15,8 @@ from jaxtyping import Array
 
 from jhd._arithmetic import bernstein
 from jhd._arithmetic.scaling import common_exponent, ldexp
-from jhd._runtime.arrays import is_traced, module_of, undifferentiated
+from jhd._runtime.arrays import array_of, is_traced, module_of, on_host, real_array, undifferentiated
+from jhd._shapes.checks import Numbers
 
 
 def homogeneous(control_points: Any, weights: Any) -> Any:
@@ -123,3 +124,20 @@ def wronskian(control_points: Array, weights: Array, absolute: bool = False) -> 
     terms = jnp.abs(terms) if absolute else terms
     rows = [jnp.sum(terms[..., np.flatnonzero(i + j - 1 == k), :], axis=-2) for k in range(2 * n - 1)]
     return jnp.stack(rows, axis=-2)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
+    """Rows x of `points` mapped to matrix x + offset.
+
+    Raises:
+        ValueError: the matrix does not take points of this dimension, or the offset does not fit its result.
+    """
+    matrix, offset = real_array("matrix", matrix), real_array("offset", offset)
+    if matrix.ndim != 2 or matrix.shape[1] != points.shape[-1]:
+        raise ValueError(f"matrix has shape {matrix.shape}; needs (dim, {points.shape[-1]}).")
+    if offset.ndim > 1 or offset.shape not in ((), (1,), (matrix.shape[0],)):
+        raise ValueError(f"offset has shape {offset.shape}; needs ({matrix.shape[0]},).")
+    # A sum of products in full precision: matrix products may run in reduced precision on accelerators.
+    rows, columns, shift = on_host(points, matrix, offset)
+    return array_of((rows[..., None, :] * columns).sum(axis=-1) + shift)

@@ -15,14 +15,11 @@ from jhd._results.display import batch_text, between_text, described, is_known, 
 from jhd._runtime.arrays import is_traced, real_array
 from jhd._runtime.compiled import optimized
 from jhd._shapes import polynomial_text
-from jhd._shapes.approximation import Approximation
+from jhd._shapes.approximation import Approximation, checked_tolerance
 from jhd._shapes.checks import Numbers
 from jhd._shapes.foreign import SymPyPolynomial
 from jhd._shapes.implicit_mesh import triangulate
 from jhd._shapes.mesh import TriangleMesh
-
-# Longer polynomials are printed as their degree and number of terms.
-_MOST_TERMS_SHOWN = 12
 
 
 class ImplicitSurface(eqx.Module):
@@ -123,7 +120,8 @@ class ImplicitSurface(eqx.Module):
         if not is_known(self.coefficients) or self.coefficients.ndim != 3:
             return f"coefficients={value_text(self.coefficients)}"
         known = np.asarray(self.coefficients)
-        if np.count_nonzero(known) > _MOST_TERMS_SHOWN:
+        # Longer polynomials are printed as their degree and number of terms.
+        if np.count_nonzero(known) > 12:
             return f"polynomial of degree {self.degree} with {np.count_nonzero(known)} terms"
         return f"{polynomial_text.written(known)} = 0"
 
@@ -223,13 +221,9 @@ class ImplicitSurface(eqx.Module):
             ValueError: `tolerance` is not positive or needs more than `max_triangles`; or the surface is empty.
             TypeError: the surface is traced; the number of triangles depends on its numbers.
         """
-        if is_traced(self, tolerance):
-            raise TypeError("to_mesh needs a concrete surface and tolerance: the number of triangles depends on them.")
-        tolerance = real_array("tolerance", tolerance)
-        if tolerance.shape != () or not float(tolerance) > 0:
-            raise ValueError(f"tolerance is {tolerance}; needs one positive number.")
+        wanted = checked_tolerance(tolerance, self, "to_mesh needs a concrete surface", "triangles")
         coefficients, lower, upper = (np.asarray(x) for x in (self.coefficients, self.lower, self.upper))
-        found = triangulate(coefficients, lower, upper, float(tolerance), max_triangles)
+        found = triangulate(coefficients, lower, upper, wanted, max_triangles)
         return Approximation(TriangleMesh(found.vertices, found.triangles), found.deviation)
 
 

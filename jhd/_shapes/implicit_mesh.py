@@ -43,15 +43,6 @@ from jhd._shapes.checks import empty_surface
 
 # Cells measured together: few enough for their numbers to stay close to the processor.
 _CHUNK = 4096
-# For a few dozen roundings of positive numbers.
-_SLACK = 1 + 1e-13
-# Cells along the longest side at the start of a search.
-_FIRST = 8
-# Most cells along the longest side after bisecting unproven cells: a regular surface whose features
-# are a thousandth of the box is proven there.
-_FINEST = 4096
-# If a step has more unproven cells, the surface is refused at once: a curve of singular points, for example.
-_MOST_UNPROVEN = 50_000
 # Growth of cells beyond the square root of the missing factor, so that one step suffices; most growth in one step.
 _GROWTH = (1.02, 4.0)
 
@@ -143,7 +134,8 @@ def _deviations(polynomial: BoxedPolynomial, cells: np.ndarray, counts: np.ndarr
         for may, up, down in ((can_go_up, least, -most), (can_go_down, -most, least)):
             rising = np.minimum(rising, _reach(delta, up, step, may))
             falling = np.minimum(falling, _reach(delta, down, step, may))
-    return np.maximum(rising, falling) * _SLACK
+    # For a few dozen roundings of positive numbers.
+    return np.maximum(rising, falling) * (1 + 1e-13)
 
 
 def _reach(delta: np.ndarray, slope: np.ndarray, step: np.ndarray, may: np.ndarray) -> np.ndarray:
@@ -315,7 +307,8 @@ def triangulate(
     """
     box = _Box.of(lower, upper)
     polynomial = BoxedPolynomial.of(coefficients, lower, upper, box.sides)
-    longest, counts = box.sides.max(), _counts(box.sides, float(_FIRST))
+    # Cells along the longest side at the start of a search.
+    longest, counts = box.sides.max(), _counts(box.sides, 8.0)
     while True:
         cells = _cells(polynomial, counts)
         if len(cells) == 0:
@@ -363,7 +356,10 @@ def _cells(polynomial: BoxedPolynomial, counts: np.ndarray) -> np.ndarray:
 def _check_regular(polynomial: BoxedPolynomial, box: _Box, cells: np.ndarray, counts: np.ndarray) -> None:
     """Raise NotRegularError unless a finer grid proves the cells that this grid leaves unproven."""
     while len(cells):
-        if counts.max() >= _FINEST or len(cells) > _MOST_UNPROVEN:
+        # Most cells along the longest side after bisecting unproven cells: a regular surface whose features are a
+        # thousandth of the box is proven there.
+        # If a step has more unproven cells, the surface is refused at once: a curve of singular points, for example.
+        if counts.max() >= 4096 or len(cells) > 50_000:
             raise NotRegularError(box.places((cells[0] + 0.5) / counts))
         counts = 2 * counts
         cells = (2 * cells[:, None] + np.array(list(np.ndindex(2, 2, 2)))).reshape(-1, 3)

@@ -11,12 +11,6 @@ from jaxtyping import Array, Float, Int
 
 from jhd._runtime.arrays import array_of, is_traced, module_of, undifferentiated
 
-# Ends that agree to this many ulp of the largest coordinate are one joint: conversions between curve formats and knot
-# insertion leave differences of one to four.
-_JOINT_ULPS = 8
-
-# Pairs of ends compared at once, so that many ends that nearly meet need only tens of megabytes.
-_JOINT_CHUNK = 2**20
 # Most pairs that are compared without sorting.
 _FEW_PAIRS = 2**12
 # The two ends of a window of sorted numbers.
@@ -36,7 +30,9 @@ def joints(control_points: Any) -> Any:
         return np.full((count,), -1)
     xp = jnp if is_traced(control_points) else np
     pieces: Any = control_points if xp is jnp else np.asarray(control_points)
-    tolerance = _JOINT_ULPS * float(jnp.finfo(control_points.dtype).eps) * xp.max(xp.abs(pieces))
+    # Ends that agree to this many ulp of the largest coordinate are one joint: conversions between curve formats and
+    # knot insertion leave differences of one to four.
+    tolerance = 8 * float(jnp.finfo(control_points.dtype).eps) * xp.max(xp.abs(pieces))
     single: Any = xp.max(xp.abs(pieces - pieces[:, :1]), axis=(-2, -1)) <= tolerance
     if xp is jnp:
         return _meeting(jnp.arange(count), pieces[:, -1], pieces[:, 0], single, tolerance)
@@ -71,7 +67,8 @@ def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.nd
     # The coordinate that tells the starts apart best.
     axis = int(np.argmin([np.sum(last - first) for first, last in windows]))
     first, width = windows[axis][0], windows[axis][1] - windows[axis][0]
-    for part in np.array_split(np.arange(len(rows)), 1 + int(width.sum()) // _JOINT_CHUNK):
+    # Pairs of ends compared at once, so that many ends that nearly meet need only tens of megabytes.
+    for part in np.array_split(np.arange(len(rows)), 1 + int(width.sum()) // 2**20):
         row = np.repeat(part, width[part])
         within = np.arange(len(row)) - np.repeat(np.cumsum(width[part]) - width[part], width[part])
         start = orders[first[row] + within, axis]

@@ -19,9 +19,6 @@ from jaxtyping import Array, Float, Int
 
 from jhd._runtime.arrays import module_of
 
-# Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
-_KNOT_ULPS = 8
-
 
 def blossom(
     points: Float[Any, "*#rows points width"],
@@ -84,7 +81,8 @@ def not_repeated(knots: Any, p: int) -> tuple[Any, Any]:
 def tolerance(values: Any) -> Any:
     """Largest difference of numbers that count as equal when points or knots repeat."""
     xp = module_of(values)
-    return _KNOT_ULPS * float(np.finfo(values.dtype).eps) * xp.max(xp.abs(values))
+    # Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
+    return 8 * float(np.finfo(values.dtype).eps) * xp.max(xp.abs(values))
 
 
 def spans(knots: Any, p: int, periodic: bool) -> tuple[Any, Any, Any]:

@@ -16,8 +16,8 @@ from jhd._runtime.argument_hints import takes
 from jhd._runtime.arrays import array_of, bare_array, is_traced, module_of, on_host, real_array
 from jhd._shapes import sketches
 from jhd._shapes.checks import Numbers
-from jhd._shapes.curve import affine_image
 from jhd._shapes.foreign import HasVertices, PolyData, Trimesh
+from jhd._shapes.homogeneous import affine_image
 
 # Scenes of trimesh, grids of PyVista.
 _WAYS_TO_MESHES = ("to_mesh", "extract_surface")

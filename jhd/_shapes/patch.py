@@ -7,9 +7,10 @@ Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 14 and
 (1997), chapters 1 and 4.
 """
 
+import dataclasses
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -19,13 +20,12 @@ from jaxtyping import Array, Float, Int
 
 from jhd._arithmetic import bernstein
 from jhd._results.display import batch_text, count_text, described, fields_shown, is_known, net_text, opaque, size_text
-from jhd._runtime.arrays import array_of, is_traced, real_array
+from jhd._runtime.arrays import array_of, real_array
 from jhd._runtime.compiled import optimized
 from jhd._shapes import sketches
-from jhd._shapes.approximation import Approximation
-from jhd._shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
-from jhd._shapes.curve import affine_image
-from jhd._shapes.homogeneous import cartesian, homogeneous
+from jhd._shapes.approximation import Approximation, checked_tolerance
+from jhd._shapes.checks import Numbers, check_degrees, checked_between, checked_net, checked_parameter
+from jhd._shapes.homogeneous import affine_image, cartesian, homogeneous
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.tessellation import tessellate
 
@@ -103,10 +103,6 @@ class AbstractPatch(eqx.Module):
     def patches(self) -> "BezierPatches":
         """The surface as Bezier patches, the working form of all distances."""
 
-    @abstractmethod
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractPatch":
-        """The image under x -> matrix x + offset; differentiable in both."""
-
     @property
     @abstractmethod
     def degrees(self) -> tuple[int, int]:
@@ -164,6 +160,18 @@ class AbstractPatch(eqx.Module):
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
         return Partials(*_partials(self, u, v))
 
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> Self:
+        """The image under x -> matrix x + offset; differentiable in both.
+
+        Args:
+            matrix: (3, 3) real numbers.
+            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
+        return dataclasses.replace(self, control_points=affine_image(self.control_points, matrix, offset))
+
     def to_mesh(self, tolerance: Numbers, *, max_triangles: int = 2_000_000) -> "PatchMesh":
         """A triangle mesh of the surface with a certified deviation of at most `tolerance` in both directions.
 
@@ -189,14 +197,10 @@ class AbstractPatch(eqx.Module):
                 `max_triangles`.
             TypeError: the surface is traced; the number of triangles depends on its numbers.
         """
-        if is_traced(self, tolerance):
-            raise TypeError("to_mesh needs a concrete surface and tolerance: the number of triangles depends on them.")
-        tolerance = real_array("tolerance", tolerance)
-        if tolerance.shape != () or not float(tolerance) > 0:
-            raise ValueError(f"tolerance is {tolerance}; needs one positive number.")
+        wanted = checked_tolerance(tolerance, self, "to_mesh needs a concrete surface", "triangles")
         parts = self.patches()
         weights = None if parts.weights is None else np.asarray(parts.weights)
-        found = tessellate(np.asarray(parts.control_points), weights, float(tolerance), max_triangles)
+        found = tessellate(np.asarray(parts.control_points), weights, wanted, max_triangles)
         mesh = TriangleMesh(found.vertices, found.triangles)
         places = array_of(found.patch), array_of(found.u), array_of(found.v)
         return PatchMesh(mesh, found.deviation, *places)
@@ -294,18 +298,6 @@ class BezierPatch(AbstractPatch):
         """
         raised = bernstein.elevate(self.homogeneous, degree_u, axis=0)
         return self.with_homogeneous(bernstein.elevate(raised, degree_v, axis=1))
-
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierPatch":
-        """The image under x -> matrix x + offset; differentiable in both.
-
-        Args:
-            matrix: (3, 3) real numbers.
-            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
-
-        Raises:
-            ValueError: wrong shapes, NaN or infinity.
-        """
-        return BezierPatch(affine_image(self.control_points, matrix, offset), self.weights)
 
 
 class BezierPatches(AbstractPatch):
@@ -420,26 +412,6 @@ class BezierPatches(AbstractPatch):
             return BezierPatches(points)
         weights = [jnp.ones(x.control_points.shape[:-1]) if x.weights is None else x.weights for x in parts]
         return BezierPatches(points, jnp.concatenate(weights))
-
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierPatches":
-        """The image under x -> matrix x + offset; differentiable in both.
-
-        Args:
-            matrix: (3, 3) real numbers.
-            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
-
-        Raises:
-            ValueError: wrong shapes, NaN or infinity.
-        """
-        return BezierPatches(affine_image(self.control_points, matrix, offset), self.weights)
-
-
-def checked_net(control_points: Numbers, weights: Numbers | None, axes: tuple[str, ...]) -> tuple[Array, Array | None]:
-    """Control points in space and their weights; raises the ValueError and TypeError of the patch classes."""
-    points = real_array("control_points", control_points)
-    given = None if weights is None else real_array("weights", weights)
-    check_control_points(points, given, axes)
-    return points, given
 
 
 def _of_batch(function: Callable[..., Any], *parameters: Array) -> Any:

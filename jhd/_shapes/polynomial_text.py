@@ -24,10 +24,8 @@ _VARIABLES = ("x", "y", "z")
 # A dense array of this degree has 36 000 coefficients; larger exponents of ten exceed all doubles; numbers of
 # more bits come from powers of powers, which would fill the memory.
 _LARGEST_DEGREE, _LARGEST_EXPONENT, _LARGEST_BITS, _DEEPEST = 32, 400, 50_000, 40
-# Numbers with more bits are not printed in messages.
-_SHOWN_BITS = 100
 # Most products of coefficients, some seconds of work: a constant, and a number for each character.
-_MOST_PRODUCTS, _PRODUCTS_EACH = 1_000_000, 10
+_MOST_PRODUCTS = 1_000_000
 
 
 class PolynomialError(ValueError):
@@ -110,7 +108,7 @@ class _Reader:
 
     def __init__(self, text: str):
         self.text, self.position, self.depth = text, 0, 0
-        self.left = _MOST_PRODUCTS + _PRODUCTS_EACH * len(text)
+        self.left = _MOST_PRODUCTS + 10 * len(text)
         self.token, self.start, self.number = "", 0, False
         self.advance()
 
@@ -236,7 +234,8 @@ def _decimal(token: str, place: int) -> Fraction:
 
 
 def _shown(x: Fraction) -> str:
-    long = max(x.numerator.bit_length(), x.denominator.bit_length()) > _SHOWN_BITS
+    # Numbers with more bits are not printed in messages.
+    long = max(x.numerator.bit_length(), x.denominator.bit_length()) > 100
     return "a number of very many digits" if long else str(x)
 
 

@@ -15,8 +15,6 @@ from jhd._runtime.arrays import joined
 from jhd._shapes.mesh import places_of
 from jhd._shapes.patch_cells import HostPatches, PatchCells, with_bounds
 
-# Narrower rectangles have no exact ends: parameters near one have no more digits.
-_NARROWEST = 2.0**-48
 # Rectangles measured together: few enough for their numbers to stay close to the processor.
 _CHUNK = 4096
 
@@ -115,7 +113,8 @@ def _refined(patches: HostPatches, cells: PatchCells, goal: _Goal, off: float) -
 def _checked(patches: HostPatches, cells: PatchCells, tolerance: float, off: float) -> PatchCells:
     """The rectangles to bisect; ValueError if bisection cannot reach the tolerance."""
     width = np.where(cells.along_u, cells.u1 - cells.u0, cells.v1 - cells.v0)
-    if len(width) and (width.min() <= _NARROWEST or not patches.in_user_units(patches.noise + off) <= tolerance):
+    # Narrower rectangles have no exact ends: parameters near one have no more digits.
+    if len(width) and (width.min() <= 2.0**-48 or not patches.in_user_units(patches.noise + off) <= tolerance):
         raise ValueError(f"tolerance is {tolerance:g}; rounding leaves more on this surface; raise it.")
     return cells
 

@@ -16,9 +16,9 @@ from jhd._distance.published.voxel_pairs import VoxelPairs
 from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method
 from jhd._results.solution import RESULTS, NotProvenError, name_of
 from jhd._shapes.bezier import BezierCurve
-from jhd._shapes.curve import circle, point_set, polyline
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import BezierPatch
+from jhd._shapes.simple_curves import circle, point_set, polyline
 from tests.distance.test_families import sphere
 from tests.sweeps import swept
 

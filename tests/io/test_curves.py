@@ -11,7 +11,8 @@ from jhd._io.errors import ParseError
 from jhd._io.load import load_shape
 from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.bspline import BSplineCurve
-from jhd._shapes.curve import AbstractCurve, BezierSegments, circle, point_set, polyline
+from jhd._shapes.curve import AbstractCurve, BezierSegments
+from jhd._shapes.simple_curves import circle, point_set, polyline
 
 RANDOM = np.random.default_rng(11)
 

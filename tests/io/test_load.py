@@ -11,7 +11,7 @@ from jhd._io.glyphs import load_glyph
 from jhd._io.load import load_shape
 from jhd._io.svg import save_svg
 from jhd._shapes.bezier import BezierCurve
-from jhd._shapes.curve import polyline
+from jhd._shapes.simple_curves import polyline
 
 
 def segments(text):

@@ -13,7 +13,7 @@ from jhd._io import results
 from jhd._io.errors import ParseError
 from jhd._io.results import save_result
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, Bounds, HausdorffSolution, Projection, Witness
-from jhd._shapes.curve import circle, polyline
+from jhd._shapes.simple_curves import circle, polyline
 
 # Of its contents only these tests know the types.
 load_result: Any = results.load_result

@@ -10,7 +10,8 @@ from jhd._io.errors import ParseError
 from jhd._io.svg import load_svg, parse_path, save_svg
 from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.bspline import BSplineCurve
-from jhd._shapes.curve import BezierSegments, circle, point_set, polyline
+from jhd._shapes.curve import BezierSegments
+from jhd._shapes.simple_curves import circle, point_set, polyline
 
 # What placement may cost: a few roundings of coordinates of order one hundred.
 PLACEMENT = 1e-12

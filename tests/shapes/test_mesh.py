@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd._shapes.curve import point_set
 from jhd._shapes.mesh import TriangleMesh, check_mesh, edges_of, places_of
+from jhd._shapes.simple_curves import point_set
 
 CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 # Six squares, two triangles each, counter-clockwise from outside.

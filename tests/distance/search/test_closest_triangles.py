@@ -11,10 +11,11 @@ from jhd._distance.minimum import minimum_distance
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._results.solution import NotProvenError, name_of
 from jhd._shapes.bezier import BezierCurve
-from jhd._shapes.curve import BezierSegments, point_set, polyline
+from jhd._shapes.curve import BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import BezierPatch
+from jhd._shapes.simple_curves import point_set, polyline
 from jhd._triangles.exact_triangles import exact_pair
 from tests.sweeps import swept
 from tests.triangles.exact_triangles import hard_triangles

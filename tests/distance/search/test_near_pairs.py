@@ -8,9 +8,9 @@ import pytest
 from jhd._distance.minimum import minimum_distance
 from jhd._results.solution import name_of
 from jhd._shapes.bspline import BSplineCurve
-from jhd._shapes.curve import polyline
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.simple_curves import polyline
 
 BALL = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-1.5] * 3, [1.5] * 3)
 SIDE = 41
