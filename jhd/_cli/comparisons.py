@@ -54,8 +54,6 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import AbstractPatch
 from jhd.progress import Callback, Progress
 
-# A directed distance whose bounds agree to this fraction is drawn.
-_CLOSED = 1e-6
 # Points in one batch of projections, some seconds of work: onto surfaces, and onto other shapes.
 _FEW_POINTS, _MANY_POINTS = 1_000, 100_000
 # The exit status of each answer; undecided counts as bounds not closed.
@@ -305,7 +303,8 @@ def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]
     if solution.directions is None:
         return [solution]
     there, back = solution.directions
-    return [there, back if float(back.upper - back.lower) <= _CLOSED * float(back.upper) else None]
+    # A directed distance whose bounds agree to this fraction is drawn.
+    return [there, back if float(back.upper - back.lower) <= 1e-6 * float(back.upper) else None]
 
 
 def _certified(file: str, a: Any, b: Any, solution: HausdorffSolution | MinimumSolution) -> bool:

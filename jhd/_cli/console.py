@@ -18,8 +18,6 @@ from jhd._results.solution import to_plain
 from jhd._runtime.starting import INTERRUPTED
 from jhd.progress import Callback, Progress
 
-# Seconds after which a dropped interrupt is sent again: by then the function that dropped it has ended.
-_AGAIN = 0.02
 # Seconds between updates of the elapsed time.
 _SECOND = 1.0
 # Least seconds between two reports that are shown.
@@ -112,7 +110,8 @@ def interrupts_heard() -> Iterator[None]:
         if not issubclass(dropped.exc_type, KeyboardInterrupt):
             usual(dropped)
             return
-        again = threading.Timer(_AGAIN, _thread.interrupt_main)
+        # Seconds after which a dropped interrupt is sent again: by then the function that dropped it has ended.
+        again = threading.Timer(0.02, _thread.interrupt_main)
         again.daemon = True
         sent.append(again)
         again.start()

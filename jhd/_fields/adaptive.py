@@ -263,8 +263,7 @@ class AdaptiveDistanceField(eqx.Module):
         boxes = known._boxes(surface)
         volume = boxes.width**3
         chosen = random.choice(len(volume), count, p=volume / volume.sum())
-        points = boxes.lower[chosen] + boxes.width[chosen, None] * random.random((count, 3))
-        points = points.astype(surface.dtype)
+        points = (boxes.lower[chosen] + boxes.width[chosen, None] * random.random((count, 3))).astype(surface.dtype)
         found = closest_points(surface.mesh, points)
         exact = np.where(is_inner(surface, points, found, boxes.width[chosen]), -found.distance, found.distance)
         return float(_scaled(np.max(np.abs(known._numbers(points) - exact)), power))

@@ -25,12 +25,6 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd.progress import Callback, Progress
 
 MODES = ("band", "full")
-# Cells along the longest side of the first grid: more than half as many, and at most this many.
-_FIRST = 16
-# The margin between the mesh and the sides of the box: this fraction of its size, and this many tolerances.
-_MARGIN, _TOLERANCES = 1 / 16, 2
-# Least margin in units in the last place of the largest coordinate.
-_LEAST = 64
 # Halvings for which positions in the grid have room: three positions fit into 63 bits.
 DEEPEST, _BITS = 15, 21
 
@@ -44,8 +38,6 @@ _WEIGHTS = np.prod(np.where(CORNERS[None], _POINTS[_TESTED, None] / 2, 1 - _POIN
 _CHILD = np.array([[int((child + corner) @ [9, 3, 1]) for corner in CORNERS] for child in CORNERS])
 # Distances between the 27 points in half sides.
 _APART = np.linalg.norm(_POINTS[:, None] - _POINTS[None], axis=2)
-# Rounds in which points pass their sides to others of their cells; remaining points get their own winding numbers.
-_ROUNDS = 4
 
 
 class Grid(NamedTuple):
@@ -176,13 +168,16 @@ def first_grid(mesh: TriangleMesh, tolerance: float) -> Grid:
     info = np.finfo(np.asarray(mesh.vertices).dtype)
     size, reach = float(np.max(upper - lower)), float(np.max(np.abs([lower, upper])))
     # The box of a mesh that is a single point can still be divided in floats.
-    least = _LEAST * max(reach * float(info.eps), float(info.smallest_normal) / float(info.eps))
-    margin = max(_MARGIN * size, _TOLERANCES * tolerance, least)
+    # Least margin in units in the last place of the largest coordinate.
+    least = 64 * max(reach * float(info.eps), float(info.smallest_normal) / float(info.eps))
+    # The margin between the mesh and the sides of the box: this fraction of its size, and this many tolerances.
+    margin = max(size / 16, 2 * tolerance, least)
     if not reach + 2 * (size + 2 * margin) < float(info.max):
         raise ValueError(
             f"the box of the field has coordinates of {reach:g} and a margin; needs less than {info.max:g}."
         )
-    side = float(2.0 ** np.ceil(np.log2((size + 2 * margin) / _FIRST)))
+    # Cells along the longest side of the first grid: more than half as many, and at most this many.
+    side = float(2.0 ** np.ceil(np.log2((size + 2 * margin) / 16)))
     start, end = np.floor((lower - margin) / side), np.ceil((upper + margin) / side)
     room = (1 << info.nmant) / np.max(np.abs([start, end]))
     deepest = int(np.clip(np.floor(np.log2(room)) - 1, 0, DEEPEST))
@@ -284,7 +279,9 @@ def _take_sides(
     surface = batch.task.surface
     if surface.linked:
         cell, point = _open(samples, index)
-        for _ in range(_ROUNDS):
+        # Rounds in which points pass their sides to others of their cells; remaining points get their own winding
+        # numbers.
+        for _ in range(4):
             spread(samples, index[cell, point], index[cell], _APART[point] * (0.5 * batch.side))
             before, (cell, point) = len(cell), _open(samples, index)
             if len(cell) in (0, before):

@@ -25,12 +25,6 @@ _TILES = 12
 # Samples closer to zero than this fraction of a cell are moved off it for marching cubes only, so that each vertex is
 # recognized to lie on an edge, and on which edge.
 _OFF, _NODE = 2e-3, 2e-4
-# Steps of the search for the zero on an edge after the linear guess, each with one value of the field.
-_STEPS = 2
-# Bytes for each block, as measured on forty thousand blocks.
-_BYTES = 8_000
-# Pairs of a leaf and a block in one batch.
-_PAIRS = 1 << 20
 
 
 class Leaves(NamedTuple):
@@ -116,7 +110,8 @@ def extracted(
     lattice = _Lattice(lower, sides / cells, cells, field)
     met = _blocks(leaves, cells)
     work = f"a mesh of resolution {resolution} would take about"
-    check_memory(_BYTES * len(met), work, "a lower resolution takes less")
+    # Bytes for each block, as measured on forty thousand blocks.
+    check_memory(8_000 * len(met), work, "a lower resolution takes less")
     parts = [_marched(lattice, blocks) for blocks in _batches(met)]
     found = [part for part in parts if part is not None]
     if not found:
@@ -148,7 +143,8 @@ def _blocks(leaves: Leaves, cells: np.ndarray) -> Int[np.ndarray, "blocks 3"]:
 def _spanned(first: np.ndarray, spans: np.ndarray) -> Iterator[np.ndarray]:
     """The blocks in boxes of blocks, in batches of boxes."""
     counts = np.prod(spans, axis=1)
-    batch = np.cumsum(counts) // _PAIRS
+    # Pairs of a leaf and a block in one batch.
+    batch = np.cumsum(counts) // (1 << 20)
     for rows in np.split(np.arange(len(counts)), np.flatnonzero(np.diff(batch)) + 1):
         count, span = counts[rows], spans[rows]
         owner = np.repeat(np.arange(len(rows)), count)
@@ -212,7 +208,8 @@ def _on_edges(lattice: _Lattice, node: np.ndarray, axis: np.ndarray) -> np.ndarr
     sign = np.where(first < 0, -1.0, 1.0)
     # The zero stays within the bracket, whatever the rounding of values near zero.
     first, second = np.maximum(sign * first, 0.0), np.minimum(sign * second, 0.0)
-    for _ in range(_STEPS):
+    # Steps of the search for the zero on an edge after the linear guess, each with one value of the field.
+    for _ in range(2):
         middle = _between(low, high, first, second)
         value = sign * lattice.field(start + middle[:, None] * along)
         before = value >= 0

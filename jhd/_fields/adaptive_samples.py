@@ -31,8 +31,6 @@ Search = Callable[[np.ndarray, TriangleMesh], ClosestPoints]
 SIGNS = ("winding", "pseudonormal", "none")
 # Published averages of normals go with the published search alone.
 PUBLISHED_SIGN = "average"
-# Times that a point is moved away from the mesh, which doubles the room about it at best.
-_LIFTS = 5
 
 
 @runtime_checkable
@@ -166,7 +164,8 @@ def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray
     Points are moved away from the mesh, inside the balls about them, until a ball meets the ball of a neighbor.
     """
     left = np.arange(len(who))
-    for _ in range(_LIFTS):
+    # Times that a point is moved away from the mesh, which doubles the room about it at best.
+    for _ in range(5):
         if not len(left):
             return
         found = closest_points(surface.mesh, points[left])

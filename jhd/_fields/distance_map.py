@@ -37,10 +37,6 @@ _TILE = 32
 _TILES, _PAIRS = 4096, 2**20
 # Tiles that a GPU processes in parallel; a CPU takes one after the other.
 _BATCH = 256
-# The deviation of biarcs made for a map, as a fraction of the pixel's smaller side.
-_SHARE = 1 / 8
-# Shorter chords count as points: their curvature squared must not overflow, in single precision either.
-_SHORT = 2.0**-60
 # Error of one distance, in roundings of the largest coordinate: see _distance.
 _ROUNDINGS = 2048
 
@@ -218,8 +214,9 @@ def _checked_arcs(curve: Any, tolerance: Numbers | None, pixel: float) -> BiarcC
             raise ValueError("tolerance is for a curve; the arcs already have a deviation, so leave tolerance out.")
         return curve
     least = least_tolerance(curve)
+    # The deviation of biarcs made for a map, as a fraction of the pixel's smaller side.
     return biarcs(
-        curve, max(_SHARE * pixel, least, rounding.smallest_normal(np.float64)) if tolerance is None else tolerance
+        curve, max(pixel / 8, least, rounding.smallest_normal(np.float64)) if tolerance is None else tolerance
     )
 
 
@@ -256,7 +253,8 @@ class _PixelFrame(NamedTuple):
         a, b = (np.ldexp(x - self.low, -self.second) for x in (a, b))
         bulge = np.asarray(arcs.bulge, np.float64)
         length = np.hypot(*chord.T)
-        long = length > _SHORT
+        # Shorter chords count as points: their curvature squared must not overflow, in single precision either.
+        long = length > 2.0**-60
         chord = np.where(long[:, None], chord / np.where(long, length, 1.0)[:, None], [1.0, 0.0])
         bulge, length = np.where(long, bulge, 0.0), np.where(long, length, 1.0)
         left = np.stack([-chord[:, 1], chord[:, 0]], axis=-1)

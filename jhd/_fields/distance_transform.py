@@ -39,8 +39,6 @@ from jhd._shapes.checks import Numbers
 METHODS = ("exact", "vector_propagation")
 # Offsets between two tests for the end.
 _UNROLLED = 4
-# Grids with no longer side are padded to cubes, which takes milliseconds; another compilation takes a second.
-_CUBE = 64
 # A squared distance above all others, and so is its sum with another one; 32 bits hold both.
 _FAR = np.int32(2**29)
 
@@ -191,7 +189,8 @@ def _bits(shape: tuple[int, ...]) -> int | None:
 def _room(shape: tuple[int, ...]) -> tuple[int, ...]:
     """The shapes for which functions are compiled: small cubes, and above them lengths at most an eighth apart."""
     largest = max(shape)
-    if largest <= _CUBE:
+    # Grids with no longer side are padded to cubes, which takes milliseconds; another compilation takes a second.
+    if largest <= 64:
         side = max(8, 1 << (largest - 1).bit_length())
         return tuple(1 if n == 1 else side for n in shape)
     steps = [max(8, 1 << max(0, (n - 1).bit_length() - 3)) for n in shape]

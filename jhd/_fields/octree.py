@@ -37,12 +37,8 @@ from jhd.progress import Callback, Progress
 _NUMBERS, _MOST = 1 << 19, 4096
 # Chunks between two reports, which hold some tenths of a second.
 _CHUNKS = 64
-# Bytes for each cell that is kept, as measured on twenty million cells.
-_BYTES = 70
 # Most multiplications of integers for the signs of corners, some seconds.
 _EXACT = 10_000_000
-# Rounds of the search for a point of the other sign; the first looks at the corners, edges, faces and the center.
-_ROUNDS = 7
 # Three coordinates of a corner fit into 63 bits.
 _LARGEST = (1 << 20) + 1
 
@@ -193,7 +189,8 @@ def _descend(grid: _VoxelGrid, ranges: str, progress: Callback | None) -> np.nda
         place, left = grid.place(level), []
         # For a surface, about four of the eight children are left.
         work = f"level {level} of {grid.levels} of {grid.cells} cells along an axis would take about"
-        check_memory(_BYTES * 4 * len(kept), work, "fewer cells take less")
+        # Bytes for each cell that is kept, as measured on twenty million cells.
+        check_memory(70 * 4 * len(kept), work, "fewer cells take less")
         # If cells is not a power of two, boxes of the tree may lie outside of the grid.
         last = (grid.cells - 1) >> (grid.levels - level)
         for boxes in _batches(kept, grid.chunk * _CHUNKS, level > 0):
@@ -265,7 +262,8 @@ def _opposite_of(coefficients: Array, cells: Array, origin: Array, h: Array, sig
         chosen = jnp.argmin(model(tried), axis=0)
         return jnp.take_along_axis(tried, chosen[None, None], axis=1)[:, 0], 0.5 * step
 
-    best, _ = lax.fori_loop(0, _ROUNDS, closer, (jnp.zeros_like(center), jnp.ones_like(h)))
+    # Rounds of the search for a point of the other sign; the first looks at the corners, edges, faces and the center.
+    best, _ = lax.fori_loop(0, 7, closer, (jnp.zeros_like(center), jnp.ones_like(h)))
     found = trivariate.evaluate(coefficients, center + h * best)
     return jnp.where(sign > 0, found.upper < 0, found.lower > 0)
 

@@ -17,11 +17,6 @@ from jhd._runtime.clock import Clock
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import check_curve
 
-# Factor from one temperature to the next, and number of temperatures: the last is a fiftieth of the first.
-_COOLING, _TEMPERATURES = 0.27, 4
-# Steps at each temperature.
-_STEPS = 15
-
 
 def annealing(
     temperature: Numbers | None,
@@ -57,12 +52,13 @@ def annealing(
     size = float(np.max(high - low)) or 1.0
 
     def annealed(parameters: Any) -> Any:
-        for warmth in float(heat) * _COOLING ** np.arange(_TEMPERATURES):
+        # The last temperature is a fiftieth of the first.
+        for warmth in float(heat) * 0.27 ** np.arange(4):
             if clock.is_over():
                 break
             loss = lambda p, warmth=warmth: soft_hausdorff(target, build(p), warmth)  # noqa: E731
             scale = scales(parameters)
-            parameters = descend(loss, parameters, scale, size, _STEPS, 0.0, clock, lambda *_: None).point.parameters
+            parameters = descend(loss, parameters, scale, size, 15, 0.0, clock, lambda *_: None).point.parameters
         return parameters
 
     return annealed

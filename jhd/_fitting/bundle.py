@@ -27,19 +27,10 @@ Target = ImplicitSurface | TriangleMesh
 
 # Relative accuracy of an evaluation.
 _ACCURACY = 1e-6
-# First radius: this fraction of the size or this many distances, the smaller one; last radius, as a fraction.
-_RADIUS, _DISTANCES, _LEAST = 0.1, 3.0, 1e-6
-# Least fraction of the promised gain to take a step; radii within which all cuts count, and within which only the
-# nearest count; growth of the radius after a step that was taken.
-_TAKEN, _NEARBY, _AROUND, _GROWTH = 0.1, 3.0, 30.0, 2.0
 # Promised gains below this fraction of the distance do not count; they are of the order of the errors of evaluations.
 _NO_GAIN = 4 * _ACCURACY
 # A point is stationary if its gradients cancel to this fraction of the longest gradient.
 STATIONARY = 0.05
-# Most cuts of a model; the latest ones count.
-_CUTS = 80
-# Cells along each axis whose centers show how far parameters move a surface, and most numbers for a mesh.
-_CELLS, _NUMBERS = 16, 10_000_000
 
 
 class Cut(NamedTuple):
@@ -107,11 +98,12 @@ def minimize_by_cuts(
     point = evaluated(build, target, parameters)
     scale = motions(build, parameters)
     cuts, history, steps, late = list(point.cuts), [point.value], 0, False
-    radius = largest = min(_RADIUS * size, _DISTANCES * point.value)
+    # First radius: this fraction of the size or this many distances, the smaller one.
+    radius = largest = min(0.1 * size, 3.0 * point.value)
     result, optimality, mu = RESULTS.fit_steps_exhausted, *_stationarity(point, cuts, scale, radius)
     report(0, point.value, optimality)
     for step in range(max_steps):
-        if point.value <= stop_below or radius < _LEAST * size:
+        if point.value <= stop_below or radius < 1e-6 * size:
             break
         model = _model(point, cuts, scale, radius)
         slopes = model.gradient * scale
@@ -127,9 +119,12 @@ def minimize_by_cuts(
         except OutOfTimeError:
             late = True
             break
-        cuts, steps = [*cuts, *tried.cuts][-_CUTS:], steps + 1
-        if point.value - tried.value >= _TAKEN * promised:
-            point, radius = tried, min(largest, _GROWTH * radius)
+        # Most cuts of a model; the latest ones count.
+        cuts, steps = [*cuts, *tried.cuts][-80:], steps + 1
+        # Least fraction of the promised gain to take a step.
+        if point.value - tried.value >= 0.1 * promised:
+            # Growth of the radius after a step that was taken.
+            point, radius = tried, min(largest, 2.0 * radius)
         else:
             radius = 0.5 * float(np.max(np.abs(move)))
         optimality, mu = _stationarity(point, cuts, scale, radius)
@@ -171,9 +166,8 @@ def _model(point: Evaluated, cuts: list[Cut], scale: Any, radius: float) -> _Mod
     others = [cut for cut in cuts if cut.parameters is not point.parameters]
     apart = np.array([np.max(np.abs((cut.parameters - point.parameters) / scale)) for cut in others])
     # A convex combination of at most one more gradients than parameters vanishes at an optimum.
-    count = max(
-        int(np.sum(apart <= _NEARBY * radius)), min(2 * (len(scale) + 1), int(np.sum(apart <= _AROUND * radius)))
-    )
+    # All cuts within 3 radii count, and only the nearest ones within 30.
+    count = max(int(np.sum(apart <= 3.0 * radius)), min(2 * (len(scale) + 1), int(np.sum(apart <= 30.0 * radius))))
     near = [*point.cuts, *(others[k] for k in np.argsort(apart, kind="stable")[:count])]
     gradient = np.array([cut.gradient for cut in near])
     height = np.array([cut.value + cut.gradient @ (point.parameters - cut.parameters) for cut in near])
@@ -197,12 +191,14 @@ def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
     if not isinstance(shape, Target):
         raise TypeError(f"build must return an ImplicitSurface or a TriangleMesh; got {type(shape).__name__}.")
     if isinstance(shape, TriangleMesh):
-        if shape.vertices.size * start.size > _NUMBERS:
+        # Most numbers for a mesh.
+        if shape.vertices.size * start.size > 10_000_000:
             return np.ones(start.size)
         slopes = np.asarray(jax.jacfwd(lambda p: build(p).vertices)(start))  # pyright: ignore[reportAttributeAccessIssue]
         moved = np.linalg.norm(slopes.reshape(-1, 3, start.size), axis=1)
     else:
-        cells = voxelize(shape, _CELLS)
+        # Cells along each axis whose centers show how far parameters move a surface.
+        cells = voxelize(shape, 16)
         places = cells.lower + (np.asarray(cells.cells) + 0.5) * cells.spacing
         steep = np.linalg.norm(np.asarray(shape.gradient(places)), axis=-1)
         values = np.asarray(jax.jacfwd(lambda p: build(p)(places))(start))  # pyright: ignore[reportCallIssue]

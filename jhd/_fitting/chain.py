@@ -18,13 +18,10 @@ from jhd._distance.normalization.jets import polynomial_jet
 from jhd._fitting.sampled import CurvePlaces, SampledCurve, lengths_of
 from jhd._shapes.curve import BezierSegments
 
-# Most samples of each segment of the target, and about the number of all samples unless there are more segments.
-_SAMPLES, _ALL = 64, 1 << 13
-# Rounds of least squares with new feet, and samples of each segment of the chain from which feet are searched.
-_ROUNDS, _SEEDS = 4, 64
-# Joints of the target that turn by more than the first angle (radians) are corners. If corners are closer than the
-# reach, joints count that turn by more than the second angle at the scale of the reach.
-_CORNER, _BLUNT = 0.2, 0.8
+# About the number of all samples of the target, unless there are more segments.
+_ALL = 1 << 13
+# Rounds of least squares with new feet.
+_ROUNDS = 4
 
 FloatArray = Any
 
@@ -102,7 +99,8 @@ def _points_at(target: BezierSegments, t: FloatArray) -> FloatArray:
 
 def _each(target: BezierSegments) -> int:
     """Samples of each segment."""
-    return min(_SAMPLES, max(1, -(-_ALL // target.count)))
+    # Most samples of each segment of the target.
+    return min(64, max(1, -(-_ALL // target.count)))
 
 
 def _lengths(target: BezierSegments) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -145,14 +143,17 @@ def turns(target: BezierSegments, reach: float = 0.0) -> FloatArray:
     if target.degree == 0:
         return np.ones(len(ends), bool)
     out, into = ends[:, -1] - ends[:, -2], next_segment[:, 1] - next_segment[:, 0]
-    sharp = _cosine(out, into) < np.cos(_CORNER)
+    # Joints of the target that turn by more than this angle (radians) are corners.
+    sharp = _cosine(out, into) < np.cos(0.2)
     if np.sum(sharp) * reach <= 1:
         return sharp
     cosine = _turned_within(target, reach)
     at = _lengths(target)[1][_each(target) :: _each(target)]
     corners = np.zeros(len(sharp), bool)
     for k in np.argsort(cosine):
-        if cosine[k] >= np.cos(_BLUNT):
+        # If corners are closer than the reach, joints count that turn by more than this angle at the scale of the
+        # reach.
+        if cosine[k] >= np.cos(0.8):
             break
         apart = np.abs(at[corners] - at[k])
         corners[k] = not np.any(np.minimum(apart, 1 - apart) < reach)
@@ -257,7 +258,8 @@ def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) ->
         free = np.linalg.lstsq(rows, right, rcond=None)[0]
         if again < _ROUNDS - 1:
             fit = base + np.einsum("spf,fd->spd", matrix, free)
-            spacing = float(np.sum(lengths_of(fit, False))) / (_SEEDS * layout.segments)
+            # Samples of each segment of the chain from which feet are searched.
+            spacing = float(np.sum(lengths_of(fit, False))) / (64 * layout.segments)
             segment, t = SampledCurve(fit, np.asarray(built.next_segment), False, spacing or 1.0).feet(points).at
     return built, free
 

@@ -14,17 +14,6 @@ import numpy as np
 from jhd._results.solution import RESULTS
 from jhd._runtime.clock import Clock, OutOfTimeError
 
-# Least fraction of the gain promised by the slope, and largest fraction of the slope that a step may leave.
-_GAIN, _SLOPE = 1e-4, 0.9
-# First step as a fraction of the size; most halvings and doublings of one step.
-_FIRST, _SEARCHED = 0.02, 25
-# The iteration ends after _IN_A_ROW steps that gain less than this fraction of the value.
-_LEAST, _IN_A_ROW = 1e-9, 3
-# Values within this many roundings of the size count as zero: remaining distances to a copy have no slope.
-_ROUNDINGS = 64
-# A gradient shorter than this fraction of the first one counts as zero.
-_STATIONARY = 1e-9
-
 
 class Lowered(NamedTuple):
     """Parameters with the value and the gradient there."""
@@ -77,16 +66,19 @@ def descend(
 
     point = at(np.asarray(parameters))
     history, small, result = [point.value], 0, RESULTS.fit_steps_exhausted
-    enough = max(stop_below, _ROUNDINGS * float(np.finfo(point.gradient.dtype).eps) * size)
+    # Values within this many roundings of the size count as zero: remaining distances to a copy have no slope.
+    enough = max(stop_below, 64 * float(np.finfo(point.gradient.dtype).eps) * size)
     slope = point.gradient * scale
     first = float(np.linalg.norm(slope))
     # The estimate of the inverse Hessian, in scaled parameters.
-    inverse = np.eye(len(slope)) * (_FIRST * size / (np.max(np.abs(slope)) or 1.0))
+    # First step as a fraction of the size.
+    inverse = np.eye(len(slope)) * (0.02 * size / (np.max(np.abs(slope)) or 1.0))
     report(0, point.value, float(np.linalg.norm(point.gradient)))
     try:
         while counts["steps"] < max_steps:
             slope = point.gradient * scale
-            if point.value <= enough or small >= _IN_A_ROW or np.linalg.norm(slope) <= _STATIONARY * first:
+            # A gradient shorter than 1e-9 of the first one counts as zero; gains end after three steps without one.
+            if point.value <= enough or small >= 3 or np.linalg.norm(slope) <= 1e-9 * first:
                 result = RESULTS.successful
                 break
             moved = _searched(at, point, scale, -inverse @ slope)
@@ -95,7 +87,8 @@ def descend(
                 break
             step, change = (moved.parameters - point.parameters) / scale, (moved.gradient - point.gradient) * scale
             inverse = _updated(inverse, step, change, counts["steps"] == 0)
-            small = small + 1 if point.value - moved.value <= _LEAST * point.value else 0
+            # Gains below this fraction of the value count as none.
+            small = small + 1 if point.value - moved.value <= 1e-9 * point.value else 0
             point = moved
             counts["steps"] += 1
             history.append(point.value)
@@ -111,13 +104,15 @@ def _searched(at: Callable[[Any], Lowered], point: Lowered, scale: Any, directio
     if not slope < 0:
         return None
     share, low, high, best = 1.0, 0.0, np.inf, None
-    for _ in range(_SEARCHED):
+    for _ in range(25):
         moved = at(point.parameters + share * scale * direction)
-        if not moved.value <= point.value + _GAIN * share * slope:
+        # Least fraction of the gain promised by the slope.
+        if not moved.value <= point.value + 1e-4 * share * slope:
             high = share
         else:
             best = moved
-            if float(direction @ (moved.gradient * scale)) >= _SLOPE * slope:
+            # Largest fraction of the slope that a step may leave.
+            if float(direction @ (moved.gradient * scale)) >= 0.9 * slope:
                 break
             low = share
         share = 2 * share if np.isinf(high) else 0.5 * (low + high)

@@ -21,11 +21,6 @@ from jhd._distance.nearest.feet import by_normal, dot, stands_still, stays
 from jhd._distance.normalization.jets import CurveJet, polynomial_jet, quotient
 from jhd._results.solution import DIRECTIONS, EVENTS, CriticalPairs
 
-# Singular values below this fraction of the largest count as zero: nothing moves along these directions.
-_SINGULAR = 1e-12
-# Curvatures below this fraction of the largest are rounding.
-_FLAT = 1e-14
-
 FloatArray = Any  # np.ndarray of floats; NumPy's own generic alias says no more
 
 
@@ -91,7 +86,8 @@ def roots(matrices: FloatArray) -> FloatArray:
     """R (count, rank, size), for which R^T R are the convex parts of symmetric matrices (count, size, size)."""
     values, vectors = np.linalg.eigh(matrices)
     values, vectors = values[:, ::-1], np.swapaxes(vectors, 1, 2)[:, ::-1]
-    some = values > _FLAT * np.max(np.abs(values), axis=1, initial=0.0, keepdims=True)
+    # Curvatures below this fraction of the largest are rounding.
+    some = values > 1e-14 * np.max(np.abs(values), axis=1, initial=0.0, keepdims=True)
     rank = int(np.max(np.sum(some, axis=1), initial=0))
     return (np.sqrt(np.where(some, values, 0.0))[:, :, None] * vectors)[:, :rank]
 
@@ -263,7 +259,8 @@ def _derivatives(
     k, c = k * free[:, :, None] * free[:, None], c * free[:, :, None]
     weights = [(pull, x.weight_tangent, -np.ones(pairs))]
     weights += [(_along(foot.unit, foot.jets.tangent), foot.jets.weight_tangent, foot.weight) for foot in feet]
-    return g, *_with_weights(c, -np.linalg.pinv(k, rcond=_SINGULAR), [w for w in weights if np.any(w[1])])
+    # Singular values below this fraction of the largest count as zero: nothing moves along these directions.
+    return g, *_with_weights(c, -np.linalg.pinv(k, rcond=1e-12), [w for w in weights if np.any(w[1])])
 
 
 def _with_weights(

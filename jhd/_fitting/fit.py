@@ -35,15 +35,8 @@ from jhd.progress import Callback, Progress
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128
-# Least-squares pieces within this many tolerances are tried first, as minimax fits are nearer by this factor at best;
-# factor from one try to the next, and most tries.
-_GAIN, _CLOSER, _TRIES = 4.0, 0.75, 40
-# Scale at which corners are searched, in tolerances.
-_CORNERS = 8.0
 # Fits of a higher degree have no fewer segments, and take minutes to compile.
 _LARGEST_DEGREE = 32
-# Other starts differ from the first by this fraction of the target's size.
-_SPREAD = 0.1
 
 
 def minimize_hausdorff(
@@ -356,7 +349,9 @@ def _within(
     least = 2 if closed else 1
     fit: Any = None
     reach = _reach(contour, limit)
-    laid = (longest_pieces(contour, degree, _GAIN * limit * _CLOSER**k, reach) for k in range(_TRIES))
+    # Least-squares pieces within this many tolerances are tried first, as minimax fits are nearer by this factor at
+    # best.
+    laid = (longest_pieces(contour, degree, 4.0 * limit * 0.75**k, reach) for k in range(40))
     # Of several results with equally many pieces, the last is the most even.
     for count, alike in groupby(laid, key=lambda found: min(max(len(found[1]), least), most)):
         joints, pieces = list(alike)[-1]
@@ -377,7 +372,8 @@ def _within(
 def _reach(contour: BezierSegments, limit: float) -> float:
     """The scale, as a fraction of the length, at which corners matter for a tolerance."""
     length = float(np.sum(lengths_of(np.asarray(contour.homogeneous), contour.weights is not None)))
-    return min(_CORNERS * limit / length, 0.1) if length > 0 else 0.0
+    # Scale at which corners are searched, in tolerances.
+    return min(8.0 * limit / length, 0.1) if length > 0 else 0.0
 
 
 class _Flat(eqx.Module):
@@ -410,7 +406,8 @@ def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: 
     if starts == 1:
         return first[None]
     low, high = target.bounds
-    spread = _SPREAD * float(jnp.max(high - low)) * scales_of(build, target)(first)
+    # Other starts differ from the first by this fraction of the target's size.
+    spread = 0.1 * float(jnp.max(high - low)) * scales_of(build, target)(first)
     noise = np.random.default_rng(seed).normal(size=(starts - 1, first.size))
     return np.concatenate([first[None], first + spread * noise])
 

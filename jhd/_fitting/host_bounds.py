@@ -20,16 +20,12 @@ from jhd._shapes.curve import BezierSegments
 
 # Most pieces of a curve, and most halvings of one piece: parameters need the digits.
 _PIECES, _HALVINGS = 1 << 15, 30
-# Halvings done regardless of the time: some milliseconds each.
-_LEAST = 8
 # Gap at which the bounds are final, as a fraction of the upper bound.
 _CLOSED = 1e-6
-# Samples from which feet are searched.
-_SAMPLES = 1 << 13
 # Sizes whose squares are normal numbers, also of small fractions of them; other sizes get no bounds.
 _SMALLEST, _LARGEST = 1e-100, 1e100
-# Roundings of a control point by one halving, for each degree, and of a distance in the plane or in space.
-_HALVED, _MEASURED = 4, 16
+# Roundings of a distance in the plane or in space.
+_MEASURED = 16
 
 FloatArray = Any
 
@@ -73,7 +69,8 @@ class _Hulled:
     def sampled(self) -> SampledCurve:
         """The curve with samples from which feet are searched."""
         length = float(np.sum(lengths_of(self.points, self.rational)))
-        spacing = length / _SAMPLES if length > 0 else 1.0
+        # Samples from which feet are searched.
+        spacing = length / (1 << 13) if length > 0 else 1.0
         return SampledCurve(self.points, self._following, self.rational, spacing)
 
     def affine(self, points: FloatArray) -> FloatArray:
@@ -82,7 +79,8 @@ class _Hulled:
 
     def off(self, depth: int) -> float:
         """Bound of the error of control points by rounding after `depth` halvings."""
-        return _HALVED * (depth + 2) * (self.points.shape[1] + 1) * unit_roundoff(float) * self.largest
+        # Roundings of a control point by one halving, for each degree.
+        return 4 * (depth + 2) * (self.points.shape[1] + 1) * unit_roundoff(float) * self.largest
 
 
 def host_bounds(a: BezierSegments, b: BezierSegments, clock: Clock) -> HostBounds:
@@ -112,7 +110,8 @@ def _directed(a: _Hulled, b: _Hulled, clock: Clock) -> HostBounds:
         wanted = above > lower * (1 + _CLOSED)
         settled = max(settled, float(np.max(above[~wanted], initial=0.0)))
         count = int(np.sum(wanted))
-        ended = pieces.depth >= _LEAST and clock.is_closed()
+        # Halvings done regardless of the time: some milliseconds each.
+        ended = pieces.depth >= 8 and clock.is_closed()
         if count == 0 or 2 * count > _PIECES or pieces.depth >= _HALVINGS or ended:
             return HostBounds(lower, max(settled, float(np.max(above[wanted], initial=0.0))))
         pieces = _HullPieces(pieces.points[wanted], pieces.depth).halved()

@@ -19,30 +19,16 @@ from jhd._fitting.subproblem import model_step, multipliers
 from jhd._results.solution import RESULTS
 from jhd._runtime.clock import OutOfTimeError
 
-# Pairs are active within this fraction of the largest value, or this rounding of the size.
-_ACTIVE, _ROUNDING = 1e-8, 4e-16
-# A stationary point, and the residual at which no further step is tried.
-STATIONARY, _CONVERGED = 1e-8, 1e-13
-# First radius: this fraction of the size, or this many times the distance if that is less.
-_RADIUS, _DISTANCES = 0.1, 30.0
-# Least fraction of the predicted gain to take a step.
-_TAKEN = 0.02
-# Radii of parameters that no offending pair depends on grow, others shrink.
-_GROWTH, _SHRINKAGE = 2.5, 0.3
+# Rounding of a value, as a fraction of the size.
+_ROUNDING = 4e-16
+# Residual of a stationary point.
+STATIONARY = 1e-8
 # Fraction of the last gain as the reward for unchanged parameters; scaled slopes below _TOUCHED count as zero.
 _LAZY, _TOUCHED = 0.1, 1e-6
-# Accuracy of models: this fraction of the last gain, and at least this fraction of the distance.
-_SHARE, _ROUGH = 1e-4, 1e-6
-# Attempts at a step with smaller radii before the fit gives up.
-_ATTEMPTS = 12
-# Newton's method is tried if the last step gained less than this fraction; largest step as a fraction of the size.
-_NEAR, _FAR = 0.3, 0.05
-# Newton's method needs a combination of the gradients below this fraction of the longest gradient.
-_CANCELED = 0.1
-# Steps that gain less than this fraction are tried twice as long, and dropped if the distance grows by this factor.
-_CREEPING, _ASTRAY = 0.05, 1.5
-# A valley: this many steps in a row, each gaining less than this fraction.
-_VALLEY_STEPS, _VALLEY = 10, 1e-3
+# Newton's method is tried if the last step gained less than this fraction.
+_NEAR = 0.3
+# A step in a valley gains less than this fraction.
+_VALLEY = 1e-3
 # A fit of curves of many segments ends when this many steps together gain less than _VALLEY.
 _SETTLED = 4
 
@@ -60,7 +46,8 @@ class Ended(NamedTuple):
 
 def slack(point: Point) -> float:
     """Largest difference from the largest pair for a pair to be active."""
-    return max(_ACTIVE * point.top, _ROUNDING * point.size)
+    # Pairs are active within this fraction of the largest value, or within rounding.
+    return max(1e-8 * point.top, _ROUNDING * point.size)
 
 
 def stationarity(point: Point) -> tuple[FloatArray, float]:
@@ -84,12 +71,14 @@ def minimize(
     """Minimize until the parameters are stationary, the distance is below stop_below, or steps gain nothing."""
     point = problem.at(parameters)
     scale = problem.scales(parameters)
-    radius = np.full(len(scale), min(_RADIUS * point.size, _DISTANCES * point.top))
+    # First radius: this fraction of the size, or this many times the distance if that is less.
+    radius = np.full(len(scale), min(0.1 * point.size, 30.0 * point.top))
     stride, history, creeping, result = np.zeros_like(scale), [point.top], 0, RESULTS.fit_steps_exhausted
     mu, residual = stationarity(point)
     report(0, point.top, residual)
     for step in range(max_steps + 1):
-        if point.top <= max(stop_below, _ROUNDING * point.size) or residual <= _CONVERGED or step == max_steps:
+        # At this residual no further step is tried.
+        if point.top <= max(stop_below, _ROUNDING * point.size) or residual <= 1e-13 or step == max_steps:
             break
         last = history[-2] - point.top if len(history) > 1 else point.top
         try:
@@ -105,7 +94,8 @@ def minimize(
         report(step + 1, point.top, residual)
         problem.counts["steps"] += 1
         creeping = creeping + 1 if gain < _VALLEY * point.top else 0
-        result = RESULTS.fit_slow_progress if creeping >= _VALLEY_STEPS else RESULTS.fit_steps_exhausted
+        # A valley: this many steps in a row with little gain.
+        result = RESULTS.fit_slow_progress if creeping >= 10 else RESULTS.fit_steps_exhausted
         if gain <= _ROUNDING * point.size and residual <= STATIONARY and residual >= 0.1 * before:
             break
         if point.many and len(history) > _SETTLED and history[-1 - _SETTLED] - point.top < _VALLEY * point.top:
@@ -126,7 +116,8 @@ def _step(
         problem.counts["newton_steps"] += 1
     else:
         moved, radius, result = _trusted_step(problem, point, scale, radius, last)
-    if moved is not None and point.top - moved.top < _CREEPING * point.top:
+    # Steps that gain less than this fraction are tried twice as long.
+    if moved is not None and point.top - moved.top < 0.05 * point.top:
         # Along a valley the next steps would be similar: repeat this step and the last one together.
         further = _further(problem, moved, stride + moved.parameters - point.parameters, scale, radius)
         stride = further.parameters - point.parameters if further is not moved else np.zeros_like(scale)
@@ -156,8 +147,10 @@ def _trusted_step(
         models.append(roots((point.expansion.hessian(mu) + bending)[None] * scale * scale[:, None]))
     # Parameters that do not matter stay unchanged.
     lazy = min(_LAZY, _LAZY * last / point.top) / len(scale) * point.top
-    floor, accuracy = _ROUNDING * point.size, min(_ROUGH, _SHARE * last / point.top)
-    for _ in range(_ATTEMPTS):
+    # Accuracy of models: this fraction of the last gain, and at least this fraction of the distance.
+    floor, accuracy = _ROUNDING * point.size, min(1e-6, 1e-4 * last / point.top)
+    # Attempts at a step with smaller radii before the fit gives up.
+    for _ in range(12):
         tried = []
         for model in models:
             near = _reachable(h, g, model, radius)
@@ -172,13 +165,16 @@ def _trusted_step(
         gain = point.top - moved.top
         offending = moved.expansion.value > point.top - 0.5 * predicted
         touched = np.max(np.abs(moved.expansion.gradient[offending] * scale), axis=0, initial=0.0) > _TOUCHED
-        if gain > _TAKEN * predicted:
+        # Least fraction of the predicted gain to take a step.
+        if gain > 0.02 * predicted:
             bound = (np.abs(d) > 0.9 * radius) & ~touched
             shrunk = touched & (gain < 0.25 * predicted)
-            radius = np.where(bound, _GROWTH * radius, np.where(shrunk, 0.5 * np.minimum(radius, _length(d)), radius))
+            # Radii of parameters that no offending pair depends on grow.
+            radius = np.where(bound, 2.5 * radius, np.where(shrunk, 0.5 * np.minimum(radius, _length(d)), radius))
             return moved, radius, RESULTS.successful
         touched = touched if np.any(touched) else np.ones_like(touched)
-        radius = np.where(touched, _SHRINKAGE * np.minimum(radius, _length(d)), radius)
+        # Radii of the other parameters shrink.
+        radius = np.where(touched, 0.3 * np.minimum(radius, _length(d)), radius)
     return None, radius, RESULTS.fit_nonsmooth_stall
 
 
@@ -192,7 +188,8 @@ def _reachable(h: FloatArray, g: FloatArray, model: FloatArray, radius: FloatArr
 def _further(problem: Problem, point: Point, stride: FloatArray, scale: FloatArray, radius: FloatArray) -> Point:
     """The best of the point, the point moved on by `stride`, and this point after a step that equalizes pairs."""
     ahead = problem.at(point.parameters + stride)
-    if ahead.top > _ASTRAY * point.top:
+    # Longer steps are dropped if the distance grows by this factor.
+    if ahead.top > 1.5 * point.top:
         return point
     model = ahead.expansion.bowls(scale, problem.bending(ahead, _priced(ahead, scale)))
     lazy = _LAZY / len(scale) * point.top
@@ -212,7 +209,8 @@ def _newton(problem: Problem, point: Point, scale: FloatArray) -> Point | None:
     mu = np.zeros(len(point.expansion.value))
     mu[support] = multipliers(g, np.zeros(len(support)))
     # If the gradients do not nearly cancel, pairs are missing, and the step would only make values equal.
-    if np.linalg.norm(mu[support] @ g) > _CANCELED * np.max(np.linalg.norm(g, axis=1)):
+    # Newton's method needs a combination of the gradients below this fraction of the longest gradient.
+    if np.linalg.norm(mu[support] @ g) > 0.1 * np.max(np.linalg.norm(g, axis=1)):
         return None
     hessian = point.expansion.hessian(mu) + problem.bending(point, mu)
     # Steps in units of the distance: Hessians of close curves grow with its reciprocal.
@@ -227,7 +225,8 @@ def _newton(problem: Problem, point: Point, scale: FloatArray) -> Point | None:
     )
     d = np.linalg.lstsq(rows, np.concatenate([np.zeros(count), 1 - h / point.top, [1.0]]), rcond=1e-13)[0]
     d[:count] *= point.top
-    if not np.all(np.isfinite(d)) or np.max(np.abs(d[:count])) > _FAR * point.size or np.min(d[count:-1]) < -1e-3:
+    # Largest step of Newton's method, as a fraction of the size.
+    if not np.all(np.isfinite(d)) or np.max(np.abs(d[:count])) > 0.05 * point.size or np.min(d[count:-1]) < -1e-3:
         return None
     moved = problem.at(point.parameters + scale * d[:count])
     return moved if moved.top <= point.top * (1 + 1e-13) + _ROUNDING * point.size else None

@@ -23,15 +23,8 @@ from jhd._runtime.clock import Clock
 
 # Samples whose feet give a first value of the top, and most samples that get feet, the farthest ones.
 _FIRST, _MOST = 32, 1 << 14
-# Halvings of the interval of a maximum, and Newton steps after them.
-_HALVINGS, _POLISH = 14, 5
-# Feet at both ends of a small interval count as two if their distance exceeds this fraction of the value, or this
-# many times the length of the interval.
-_ONE_FOOT, _MOVED = 1e-3, 64.0
 # A point is not polished if its nearest foot is nearer than the polished foot by this fraction.
 _NEARER = 1e-9
-# Maxima of both directions closer than this fraction of the distance are one.
-_SAME = 1e-6
 # The numbers of both directions, from b to a first.
 _WAYS = tuple(int(way._value) for way in (DIRECTIONS.b_to_a, DIRECTIONS.a_to_b))
 
@@ -146,7 +139,7 @@ def _inside(
     cells = _Intervals(
         samples.segment[index], samples.t[index], samples.t[index + 1], places.take(index), places.take(index + 1)
     )
-    for _ in range(_HALVINGS):
+    for _ in range(14):
         cells = _halved(carrier, other, cells)
     return _polished(carrier, other, cells)
 
@@ -177,11 +170,14 @@ def _polished(carrier: SampledCurve, other: SampledCurve, cells: _Intervals) -> 
     )
     first, second = (other.followed(jet.point, place) for place in (left, right))
     apart = np.sqrt(dot(first.point - second.point, first.point - second.point))
-    moved = _MOVED * (cells.t1 - cells.t0) * np.sqrt(dot(jet.first, jet.first))
-    two = apart > np.maximum(_ONE_FOOT * first.distance, moved)
+    moved = 64.0 * (cells.t1 - cells.t0) * np.sqrt(dot(jet.first, jet.first))
+    # Feet at both ends of a small interval count as two if their distance exceeds this fraction of the value, or this
+    # many times the length of the interval.
+    two = apart > np.maximum(1e-3 * first.distance, moved)
     width = 4 * (cells.t1 - cells.t0)
     t = middle
-    for _ in range(_POLISH):
+    # Newton steps after the halvings.
+    for _ in range(5):
         at = carrier.jets(CurvePlaces(cells.segment, t))
         first, second = (other.followed(at.point, foot.at) for foot in (first, second))
         slopes = [dot(at.point - foot.point, at.first) for foot in (first, second)]
@@ -292,7 +288,8 @@ def _repeated(there: NearTop, back: NearTop) -> FloatArray:
     alike = (v_carrier[:, None] == w_foot) & (v_foot[:, None] == w_carrier)
     near = np.maximum(apart(back.point, there.feet[:, 0]), apart(back.feet[:, 0], there.point))
     single = np.all(back.multipliers != 0, axis=1)[:, None] | np.all(there.multipliers != 0, axis=1)
-    return np.any(alike & ~single & (near < _SAME * there.value), axis=1)
+    # Maxima of both directions closer than this fraction of the distance are one.
+    return np.any(alike & ~single & (near < 1e-6 * there.value), axis=1)
 
 
 def _members(item: Any, values: FloatArray) -> Any:

@@ -25,12 +25,8 @@ from jhd._runtime.clock import Clock, OutOfTimeError
 from jhd._runtime.compiled import asking
 from jhd._shapes.curve import AbstractCurve, BezierSegments
 
-# Pairs below this fraction of the largest take no part in a step; the second for curves of many segments.
-_LEAST, _LEAST_OF_MANY = 1e-3, 0.3
-# Curves have many segments if the product of both numbers exceeds this.
-_MANY = 1 << 10
-# Least number of samples of each curve, and least number for each segment of the opposite curve.
-_SAMPLES, _SAMPLES_EACH = 1 << 11, 4
+# The same fraction for curves of many segments.
+_LEAST_OF_MANY = 0.3
 
 
 @dataclass
@@ -49,7 +45,8 @@ class Point:
     @cached_property
     def expansion(self) -> Expansion:
         """The pairs that take part, with their derivatives; a rejected point needs none."""
-        least = _LEAST_OF_MANY if self.many else _LEAST
+        # Pairs below this fraction of the largest take no part in a step.
+        least = _LEAST_OF_MANY if self.many else 1e-3
         return expand(self.pairs, self.fixed, self.moving, least * self.top)
 
 
@@ -121,7 +118,8 @@ class Problem:
 
     def has_many(self, count: int) -> bool:
         """Whether only maxima near the top take part, for a shape of `count` segments."""
-        return self._hurried or count * self.target.count > _MANY
+        # Curves have many segments if the product of both numbers exceeds this.
+        return self._hurried or count * self.target.count > (1 << 10)
 
     def _all(self, shape: BezierSegments) -> CriticalPairs | None:
         """All maxima; None, also in later calls, if there is no time to compile their search."""
@@ -135,7 +133,8 @@ class Problem:
             return None
 
     def _near_top(self, moving: Moving, next_segment: FloatArray, clock: Clock) -> CriticalPairs:
-        samples = self.density * max(_SAMPLES, _SAMPLES_EACH * max(self.target.count, len(moving.points)))
+        # Least number of samples of each curve, and least number for each segment of the opposite curve.
+        samples = self.density * max(1 << 11, 4 * max(self.target.count, len(moving.points)))
         # Points have no length; then the length of the shape gives the spacing.
         length = self._length or float(np.sum(lengths_of(moving.points, moving.rational)))
         spacing = (length or 1.0) / samples

@@ -14,15 +14,6 @@ from jhd._distance.nearest.feet import dot, equation_of, gauss_newton
 from jhd._distance.normalization.jets import CurveJet, polynomial_jet, quotient
 from jhd._runtime.arrays import joined, taken
 
-# Nearest samples from which the foot of a query is searched.
-_NEAR = 3
-# A sample nearer than all feet by this fraction replaces them.
-_NEARER = 1e-9
-# Steps of Newton's method, of which crossing a joint takes one; on straight segments the first step is exact.
-_STEPS, _STRAIGHT_STEPS = 6, 2
-# Least samples of a curved segment, and most samples of a segment.
-_LEAST, _MOST = 8, 4096
-
 FloatArray = Any
 
 
@@ -61,8 +52,9 @@ class SampledCurve:
         held = self.next_segment >= 0
         self.preceding[self.next_segment[held]] = np.flatnonzero(held)
         lengths = lengths_of(homogeneous, rational)
-        least = 0 if self.degree == 0 else _LEAST if self.degree > 1 else 1
-        self.steps = np.clip(np.ceil(lengths / spacing), least, _MOST if least else 0).astype(int)
+        # Least samples of a curved segment, and most samples of a segment.
+        least = 0 if self.degree == 0 else 8 if self.degree > 1 else 1
+        self.steps = np.clip(np.ceil(lengths / spacing), least, 4096 if least else 0).astype(int)
         self.first = np.concatenate([[0], np.cumsum(self.steps + 1)])
         segment = np.repeat(np.arange(self.count), self.steps + 1)
         t = (np.arange(self.first[-1]) - self.first[segment]) / np.maximum(self.steps, 1)[segment]
@@ -89,20 +81,24 @@ class SampledCurve:
 
         A sample that is nearer than all feet is taken itself: at a cusp Newton's method leads anywhere.
         """
-        count = min(_NEAR, len(self.points))
+        # Nearest samples from which the foot of a query is searched.
+        count = min(3, len(self.points))
         gaps, near = (x.reshape(len(points), count) for x in self.tree.query(points, k=count))
         begin = [self.samples.take(column) for column in near.T] + list(starts)
         many = np.tile(points, (len(begin), 1))
         found = self.followed(many, joined(begin))
         best = np.argmin(found.distance.reshape(len(begin), -1), axis=0) * len(points) + np.arange(len(points))
-        lost, sample = gaps[:, 0] < found.distance[best] * (1 - _NEARER), self.samples.take(near[:, 0])
+        # A sample nearer than all feet by this fraction replaces them.
+        lost, sample = gaps[:, 0] < found.distance[best] * (1 - 1e-9), self.samples.take(near[:, 0])
         at = CurvePlaces(*(np.where(lost, x, y) for x, y in zip(sample, found.at.take(best), strict=True)))
         point = np.where(lost[:, None], self.points[near[:, 0]], found.point[best])
         return SampledFeet(at, point, np.where(lost, gaps[:, 0], found.distance[best]))
 
     def followed(self, points: FloatArray, at: CurvePlaces) -> SampledFeet:
         """The feet of the points (points, dim) that Newton's method reaches, across joints too."""
-        for _ in range(0 if self.degree == 0 else _STRAIGHT_STEPS if self.degree == 1 else _STEPS):
+        # Steps of Newton's method, of which crossing a joint takes one.
+        # On straight segments the first step is exact.
+        for _ in range(0 if self.degree == 0 else 2 if self.degree == 1 else 6):
             here = equation_of(points, self.jets(at))
             t = gauss_newton(at.t, here)
             # If a step is held at a joint, it continues on the next segment.

@@ -48,16 +48,11 @@ from jhd._shapes.unchecked import trusted
 WEIGHT = 63
 # Samples of one curve, divided among its segments, and most samples of a segment; each has at least one.
 SAMPLES, MOST = 1024, 256
-# Samples of the opposite curve, divided among its segments; the nearest starts the search of a foot. On four random
-# cubics seven feet in a thousand are not the nearest; with four samples of each segment it was a fifth of all feet.
-_STARTS = 256
 # Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed: in the last one a
 # hundredth of the feet still moves, by more than this fraction of a segment.
 _FOLLOW, _STILL = 5, 2.0**-26
 # Further steps for feet that still move, and feet in one batch: a step of all feet costs sixteen times as much.
 _FURTHER, _SIDE_BY_SIDE = 8, 64
-# A temperature below this fraction of the size softens less than rounding.
-_COLD = 1e-15
 
 
 class SoftSamples(NamedTuple):
@@ -134,7 +129,8 @@ def _softened(a: BezierSegments, b: BezierSegments, hard: Array, heat: Array, fr
 def _mean(of: SoftSamples, b: BezierSegments, long: bool, top: Array, heat: Array) -> Array:
     """The mean of exp((min(d, top) - top) / heat) over samples with distances d; in common coordinates."""
     distance = jnp.minimum(_distances(of, b, long), top)
-    return jnp.sum(of.weight * jnp.exp((distance - top) / jnp.maximum(heat, _COLD)))
+    # A temperature below this fraction of the size softens less than rounding.
+    return jnp.sum(of.weight * jnp.exp((distance - top) / jnp.maximum(heat, 1e-15)))
 
 
 def sampled(curve: BezierSegments) -> SoftSamples:
@@ -155,7 +151,9 @@ def sampled(curve: BezierSegments) -> SoftSamples:
 def _distances(of: SoftSamples, b: BezierSegments, long: bool) -> Array:
     """Distances to the feet on b, which are constants: the distance is stationary in their parameters, or they stay."""
     points, known = jax.lax.stop_gradient((of.points, b))
-    before, starts = preceding(known.next_segment), near_curve(known, long, _STARTS // b.count).starts(points)
+    # Samples of the opposite curve, divided among its segments; the nearest starts the search of a foot. On four random
+    # cubics seven feet in a thousand are not the nearest; with four samples of each segment it was a fifth of all feet.
+    before, starts = preceding(known.next_segment), near_curve(known, long, 256 // b.count).starts(points)
 
     def foot(point: Array, start: CurvePlace, steps: int) -> CurvePlace:
         found = follow_foot(point, known, before, *start, steps)

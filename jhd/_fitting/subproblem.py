@@ -10,8 +10,6 @@ import numpy as np
 
 from jhd._arithmetic.least_squares import non_negative
 
-# Steps of the interior point method, of which 8 to 20 are needed; its least tolerance in units of order one.
-_STEPS, _TOLERANCE = 60, 1e-13
 # Fraction of the way to the boundary that a step takes.
 _SHARE = 0.995
 
@@ -36,7 +34,8 @@ def model_step(
         lazy: twice the cost of moving a parameter by its radius, in the unit of the values.
         accuracy: accuracy of the minimum as a fraction of the largest value, but not below rounding.
     """
-    scale, tolerance = np.max(value), max(_TOLERANCE, accuracy)
+    # Least tolerance in units of order one.
+    scale, tolerance = np.max(value), max(1e-13, accuracy)
     # In units of the radius and of the largest value: x = (d / radius, (level - scale) / scale).
     g, e, lazy = gradient * radius / scale, value / scale - 1, lazy / scale
     flat = (roots * radius / np.sqrt(scale)).reshape(-1, len(radius))
@@ -44,7 +43,8 @@ def model_step(
     x = np.zeros(count + 1)
     slack, y = np.ones(k + 2 * count), np.full(k + 2 * count, 1 / (k + 2 * count))
     objective = np.append(np.zeros(count), 1.0)
-    for _ in range(_STEPS):
+    # Steps of the interior point method, of which 8 to 20 are needed.
+    for _ in range(60):
         along = flat @ x[:-1]
         curved = np.add.reduce((along[:, None] * flat).reshape(len(roots), -1, count), axis=1) + lazy * x[:-1]
         rows = _Constraints(np.hstack([g + curved, -np.ones((k, 1))]))

@@ -29,12 +29,8 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 from jhd._triangles.closest_point import outward
 
-# Nodes along a curve or surface at each evaluation, fewer than for the final bounds.
-_NODES = 1 << 11
 # A maximum was missed if the proven distance is larger by this fraction of itself or of the size.
 _MISSED = 1e-9
-# How often samples are doubled after a maximum was missed.
-_DENSER = 3
 
 
 class Limits(NamedTuple):
@@ -114,7 +110,8 @@ def fit_by_measure(
     """Minimize a statistic of (target, shape) from a vector of parameters until it is stationary; see descend."""
     low, high = (np.asarray(end) for end in target.bounds)
     size = float(np.max(high - low)) or 1.0
-    function = lambda p: statistic.estimate(target, build(p), nodes=_NODES)  # noqa: E731
+    # Nodes along a curve or surface at each evaluation, fewer than for the final bounds.
+    function = lambda p: statistic.estimate(target, build(p), nodes=1 << 11)  # noqa: E731
     return descend(function, parameters, scale, size, max_steps, stop_below, clock, report)
 
 
@@ -164,7 +161,8 @@ def minimize_and_prove(
 ) -> ProvenEnd:
     """Fit by all maxima; continue with denser samples or proven maxima if one was missed."""
     found = _proven(problem, minimize(problem, start, max_steps, stop_below, report), method)
-    for _ in range(_DENSER):
+    # How often samples are doubled after a maximum was missed.
+    for _ in range(3):
         before, steps = found.ended, problem.counts["steps"]
         if not found.missed or steps >= max_steps or problem.clock.is_over():
             break

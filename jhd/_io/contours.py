@@ -16,10 +16,6 @@ from jhd._runtime.arrays import array_of
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.joints import completed
 
-# The gap that is still rounding when a contour is closed, relative to its largest coordinate: relative commands add up
-# some thousand roundings.
-_CLOSING_GAP = 1e-12
-
 
 class Segment(NamedTuple):
     """One segment: control points as complex numbers x + iy, and weights or None for a polynomial one."""
@@ -53,7 +49,9 @@ class Contour:
             return
         size = max(max(abs(p.real), abs(p.imag)) for points, _ in self.segments for p in points)
         gap = self.end - self.start
-        if math.hypot(gap.real, gap.imag) <= _CLOSING_GAP * size:
+        # The gap that is still rounding when a contour is closed, relative to its largest coordinate: relative commands
+        # add up some thousand roundings.
+        if math.hypot(gap.real, gap.imag) <= 1e-12 * size:
             points, weights = self.segments.pop()
             self.segments.append(Segment((*points[:-1], self.start), weights))
         else:

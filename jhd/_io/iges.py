@@ -35,10 +35,6 @@ ARC, COMPOSITE, LINE, MATRIX, CURVE, SURFACE = 100, 102, 110, 124, 126, 128
 _SILENT = frozenset((0, 123, MATRIX, 302, 304, 308, 310, 312, 314, 316, 320, 322, 402, 404, 406, 410, *range(202, 231)))
 # Entity use flags of geometry, other and construction geometry; the rest is annotation, definitions, 2-D parameters.
 _USES = (0, 3, 6)
-# Largest relative difference of the distances of the ends of an arc from its center: files of few digits are read.
-_OUT_OF_ROUND = 1e-4
-# Largest distance of the ends of a spline beyond its knots, relative to their domain: other software writes ten digits.
-_ROUNDED = 1e-9
 _NAMES = {
     104: "conic arc", 106: "copious data", 108: "plane",
     112: "parametric spline curve", 114: "parametric spline surface", 116: "point", 118: "ruled surface",
@@ -244,7 +240,9 @@ def _weights(record: IgesRecord, weights: np.ndarray, polynomial: bool) -> np.nd
 def _ends(record: IgesRecord, ends: Sequence[float], knots: Sequence[float], degree: int) -> tuple[float, float]:
     """First and last parameter, clipped to the domain of the knots if they exceed it by rounding only."""
     lower, upper = knots[degree], knots[len(knots) - 1 - degree]
-    room = _ROUNDED * (upper - lower)
+    # Largest distance of the ends of a spline beyond its knots, relative to their domain: other software writes ten
+    # digits.
+    room = 1e-9 * (upper - lower)
     start, stop = (min(max(end, lower), upper) if lower - room <= end <= upper + room else end for end in ends)
     if not lower <= start < stop <= upper:
         first, last, low, high = (f"{x:.12g}" for x in (*ends, lower, upper))
@@ -312,7 +310,9 @@ def _arc(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
     with np.errstate(over="ignore", invalid="ignore"):
         first, last = start - center, end - center
         radii = np.hypot(*first), np.hypot(*last)
-        if not (min(radii) > 0 and abs(radii[0] - radii[1]) <= _OUT_OF_ROUND * radii[0]):
+        # Largest relative difference of the distances of the ends of an arc from its center: files of few digits are
+        # read.
+        if not (min(radii) > 0 and abs(radii[0] - radii[1]) <= 1e-4 * radii[0]):
             raise record.error(f"ends {radii[0]:g} and {radii[1]:g} from its center; an arc has one radius, above 0.")
     turn = float(np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last)) % (2 * np.pi)
     if np.array_equal(start, end):

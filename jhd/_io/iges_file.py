@@ -22,8 +22,6 @@ UNITS = {
     "IN": (1, 25.4), "MM": (2, 1.0), "FT": (4, 304.8), "MI": (5, 1609344.0), "M": (6, 1000.0), "KM": (7, 1e6),
     "MIL": (8, 0.0254), "UM": (9, 0.001), "CM": (10, 10.0), "UIN": (11, 2.54e-5),
 }  # fmt: skip
-# The flag of a unit that only has a name; inches, which a file without a flag is in.
-_NAMED, _INCHES = 3, 1
 # Positions of the scale of the model, the flag and the name of the unit in the global section, from 0.
 _SCALE, _FLAG, _NAME = 12, 13, 14
 # Characters of numbers and strings cannot be delimiters (IGES 5.3, section 2.2.4.2).
@@ -71,10 +69,12 @@ class IgesFile(NamedTuple):
         scale, flag, name = (self.header[k].strip() if k < len(self.header) else "" for k in (_SCALE, _FLAG, _NAME))
         if scale and not (_REAL.fullmatch(scale) and _float(scale) == 1):
             raise ParseError(f"the model space scale is {shown(scale)}; needs 1.", self.name, self.line)
-        number = int(flag or _INCHES) if _INTEGER.fullmatch(flag or "1") else 0
+        # A file without a flag is in inches.
+        number = int(flag or 1) if _INTEGER.fullmatch(flag or "1") else 0
         name = name.partition("H")[2].strip().upper()
         name = "IN" if name == "INCH" else name
-        unit = name if number == _NAMED else next((unit for unit, (own, _) in UNITS.items() if own == number), "")
+        # The flag of a unit that only has a name.
+        unit = name if number == 3 else next((unit for unit, (own, _) in UNITS.items() if own == number), "")
         if unit not in UNITS or name in UNITS and name != unit:
             message = (
                 f"the unit has the flag {shown(flag)} and the name {shown(name)}; needs one of {', '.join(UNITS)}."

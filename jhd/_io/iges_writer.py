@@ -21,8 +21,6 @@ from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.knots import unrolled
 from jhd._shapes.patch import AbstractPatch, BezierPatch
 
-# Columns of data in the global and in the parameter section.
-_GLOBAL, _PARAMETERS = 72, 64
 # Numbers of lines have seven digits.
 _MOST_LINES = 9_999_999
 # Length that a reader need not tell from zero, as a fraction of the largest coordinate: the default gap of distances.
@@ -187,15 +185,17 @@ def _sheet(name: str, entities: Sequence[_IgesEntity], largest: float, unit: str
     """The text of an IGES file with these entities: start, global, directory, parameter and terminate section."""
     directory, parameters = [], []
     for index, entity in enumerate(entities):
-        rows = _rows([str(entity.type), *entity.words], _PARAMETERS)
+        # Columns of data in the parameter section.
+        rows = _rows([str(entity.type), *entity.words], 64)
         first = (entity.type, len(parameters) + 1, 0, 0, 0, 0, 0, 0)
         second = (entity.type, 0, 0, len(rows), 0, "", "", "", 0)
         directory.append("".join(f"{x:>8}" for x in first) + entity.status)
         directory.append("".join(f"{x:>8}" for x in second))
         parameters += [f"{row:<64} {2 * index + 1:>7}" for row in rows]
+    # Columns of data in the global section.
     sections = {
         "S": ["B-spline curves and surfaces, written by jhd"],
-        "G": _rows(_global_words(name, largest, unit), _GLOBAL),
+        "G": _rows(_global_words(name, largest, unit), 72),
         "D": directory,
         "P": parameters,
     }

@@ -19,8 +19,6 @@ from jhd._io.tables import number_in
 from jhd._shapes.mesh import TriangleMesh
 
 _RELATIONS, _USUAL = "_rels/.rels", "3D/3dmodel.model"
-# Objects inside objects, which must not contain themselves.
-_MOST_LEVELS = 100
 # Extensions that do not change the triangles, and the extension that is read.
 _HARMLESS = ("material", "trianglesets", "production")
 # Largest size of all members together: _TIMES times the size of the package, plus _ALWAYS bytes.
@@ -87,7 +85,8 @@ def _parts(file: str, package: zipfile.ZipFile) -> Iterator[ScenePart]:
         name, placed, above, level = waiting.pop()
         name = name if placed.part is None else placed.part.lstrip("/")
         objects, _, unit = model(name)
-        if placed.key not in objects or level > _MOST_LEVELS:
+        # Objects inside objects, which must not contain themselves.
+        if placed.key not in objects or level > 100:
             what = "is not there" if placed.key not in objects else "contains itself, or too many levels of others"
             raise ParseError(f"3MF: the object {shown(placed.key)} in {shown(name)} {what}.", file)
         if unit != model(start)[2]:

@@ -20,13 +20,8 @@ from jhd._distance.certificate.verification.pieces import integers
 from jhd._io.errors import ParseError, shown
 from jhd._shapes.mesh import TriangleMesh, places_of
 
-# Largest index or count, within 64 bits.
-_MOST = 1 << 62
 # Most corners of a polygon that is no fan: the search for ears among all of them takes a second or two.
 _MOST_CORNERS = 1_000
-# Rounding of the difference of two products of differences, as a fraction of the sum of both: four units in the
-# last place; and a bound of what underflow loses.
-_ROUNDING, _UNDERFLOW = 8 * 2.0**-53, 1e-300
 
 _Place = tuple[int, int]
 _Ear = tuple[int, int, int]
@@ -152,7 +147,8 @@ def indices_in(file: object, words: Sequence[str], line: int) -> list[int]:
         numbers = [int(word) for word in words]
     except ValueError:
         numbers = None
-    if numbers is None or _has_underscore(words) or max(map(abs, numbers), default=0) >= _MOST:
+    # Largest index or count, within 64 bits.
+    if numbers is None or _has_underscore(words) or max(map(abs, numbers), default=0) >= (1 << 62):
         _check_words(file, int, words, line)
         raise ParseError(f"a whole number is too large: {shown(' '.join(words))}.", file, line)
     return numbers
@@ -208,7 +204,9 @@ def are_fans(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 def _turns(p: np.ndarray, q: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     left, right = p[:, 0] * q[:, 1], p[:, 1] * q[:, 0]
-    return ahead * (left - right) > _ROUNDING * (np.abs(left) + np.abs(right)) + _UNDERFLOW
+    # Rounding of the difference of two products of differences, as a fraction of the sum of both: four units in the
+    # last place; and a bound of what underflow loses.
+    return ahead * (left - right) > (8 * 2.0**-53) * (np.abs(left) + np.abs(right)) + 1e-300
 
 
 def ears(corners: np.ndarray) -> list[_Ear] | None:

@@ -18,8 +18,6 @@ from jhd._runtime.files import replace_file
 from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve
 
 _MIRROR = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-# Margin around a written drawing and width of its lines, as parts of its larger side.
-_MARGIN, _STROKE = 0.05, 0.004
 
 
 def parse_path(d: str) -> BezierSegments:
@@ -177,12 +175,14 @@ def save_svg(
     x, y = np.array([p.real for p in points]), np.array([p.imag for p in points])
     # A single point has no size; any positive one makes a valid viewBox.
     side = float(max(np.ptp(x), np.ptp(y))) or 1.0
-    margin = _MARGIN * side
+    # Margin around a written drawing, as a fraction of its larger side.
+    margin = 0.05 * side
     box = (x.min() - margin, y.min() - margin, np.ptp(x) + 2 * margin, np.ptp(y) + 2 * margin)
     paths = [
         f'  <path id="curve{index}" d="{path_words(drawing, tolerance)}"/>' for index, drawing in enumerate(drawings)
     ]
-    style = f'fill="none" stroke="black" stroke-width="{_STROKE * side:.6g}"'
+    # Width of the lines, as a fraction of the larger side.
+    style = f'fill="none" stroke="black" stroke-width="{0.004 * side:.6g}"'
     view_box = " ".join(f"{number:.9g}" for number in box)
     opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{view_box}" {style}>'
     text = "\n".join([opening, *paths, "</svg>", ""])

@@ -21,7 +21,7 @@ from jhd._io.path_text import contours_of_path
 from jhd._io.svg_elements import Element, Viewport, compose, translation
 
 # Most elements drawn, with repetitions by `use`: this many times the elements of the file, plus a constant.
-_TIMES_DRAWN, _ALWAYS_DRAWN = 10, 100_000
+_ALWAYS_DRAWN = 100_000
 # Most levels of nested uses.
 _MOST_USES = 8
 # Any other value is inherited from the parent element.
@@ -174,7 +174,8 @@ def drawn_shapes(root: Element) -> Iterator[Drawn]:
     # The size of the root is the size of the paper.
     root.check_placed_by_attributes(sizes=False)
     named: dict[str, Element] = {}
-    left = [_ALWAYS_DRAWN + _TIMES_DRAWN * _collect_ids(root, named)]
+    # Most elements drawn, with repetitions by `use`: this many times the elements of the file, plus a constant.
+    left = [_ALWAYS_DRAWN + 10 * _collect_ids(root, named)]
     box = _view_box(root)
     viewport = (box[2], box[3]) if box else None
     if box is None and {"width", "height"} <= root.attributes.keys() and not {"width", "height"} & root.style.keys():

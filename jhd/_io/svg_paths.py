@@ -27,13 +27,9 @@ from jhd._io.path_text import draw_arc
 from jhd._shapes.curve import BezierSegments
 
 _LETTERS = {1: "L", 2: "Q", 3: "C"}
-# Arcs are exact up to rounding if no tolerance is given: this fraction of the largest coordinate.
-ROUNDING = 1e-12
 _ULPS = 64 * 2.0**-52
 # Half axes and angles are written in as few digits as the tolerance allows.
 _DIGITS = (6, 9, 12, 15, 17)
-# Half axes that differ by less are tried as a circle.
-_ROUND = 1e-6
 
 
 def path_words(contours: list[Contour], tolerance: float | None) -> str:
@@ -63,7 +59,8 @@ def _segment_words(segment: Segment, largest: float, tolerance: float | None) ->
     if degree == 1 or (polynomial and degree in _LETTERS):
         return [_LETTERS[degree] + " ".join(map(pair, points[1:]))]
     if weights is not None:
-        arcs = _arcs(points, weights, ROUNDING * largest if tolerance is None else tolerance)
+        # Arcs are exact up to rounding if no tolerance is given: this fraction of the largest coordinate.
+        arcs = _arcs(points, weights, 1e-12 * largest if tolerance is None else tolerance)
         if arcs is not None:
             return arcs
     rows = np.array([[(p.real, p.imag) for p in points]])
@@ -138,7 +135,8 @@ def _arc(start: complex, corner: complex, end: complex, weight: float, tolerance
     v, side = end - start, corner - start
     sweep = v.real * side.imag - v.imag * side.real < 0
     candidates = [axes]
-    if axes[0] - axes[1] <= _ROUND * axes[0]:
+    # Half axes that differ by less are tried as a circle.
+    if axes[0] - axes[1] <= 1e-6 * axes[0]:
         radius = 0.5 * (axes[0] + axes[1])
         candidates.insert(0, (radius, radius, 0.0))
     for digits in _DIGITS:

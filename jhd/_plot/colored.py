@@ -11,12 +11,8 @@ from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 
-# Approximate number of triangles and lines of a picture; more take many seconds to draw.
-_TRIANGLES, _LINES = 16_000, 3_000
-# Distinguishable colors between zero and the largest distance.
-_COLORS = 256
-# Cells along each axis of an implicit surface.
-_CELLS = 48
+# Approximate number of triangles of a picture; more take many seconds to draw.
+_TRIANGLES = 16_000
 
 
 class DrawnPieces(NamedTuple):
@@ -36,7 +32,8 @@ def pieces_of(shape: Any) -> DrawnPieces:
     if isinstance(shape, TriangleMesh):
         return _of_mesh(shape)
     if isinstance(shape, ImplicitSurface):
-        quads = quadrilaterals(shape, _CELLS)
+        # Cells along each axis of an implicit surface.
+        quads = quadrilaterals(shape, 48)
         rows = np.arange(4 * len(quads)).reshape(-1, 4)
         return DrawnPieces(quads.reshape(-1, 3), np.concatenate([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]]))
     if isinstance(shape, AbstractCurve):
@@ -61,7 +58,8 @@ def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSample
 
         away, nearest = KDTree(samples.point).query(points)
         width = samples.upper[nearest] - samples.lower[nearest]
-        known = away + 0.5 * width <= top / _COLORS
+        # Distinguishable colors between zero and the largest distance.
+        known = away + 0.5 * width <= top / 256
         values[known] = (samples.lower[nearest] + 0.5 * width)[known]
     if not known.all():
         values[~known] = np.asarray(project(points[~known], b, throw=False).distance)
@@ -98,7 +96,8 @@ def _of_curve(curve: AbstractCurve) -> DrawnPieces:
     if segments.degree == 0:
         points = np.asarray(segments.control_points, float)[:, 0]
         return DrawnPieces(points, np.arange(len(points))[:, None])
-    n = int(np.clip(_LINES / segments.count, 8, 256))
+    # Approximate number of lines of a picture; more take many seconds to draw.
+    n = int(np.clip(3_000 / segments.count, 8, 256))
     t = np.linspace(0.0, 1.0, n + 1)
     points = np.asarray(segments.point(np.arange(segments.count)[:, None], t), float)
     return _joined(points, np.stack([np.arange(n), np.arange(n) + 1], axis=1))

@@ -17,18 +17,12 @@ from jhd._shapes.foreign import Axes
 
 # Readable in gray and by color-blind readers.
 _COLORS = "viridis"
-# Height of a whole picture as a fraction of its width, in a column.
-_TALL = 1.5
 # Positions in a whole picture of the shape in space or in the plane, the color bar, the histogram and the inset.
 _SPACE, _PLANE, _BAR = (0.05, 0.45, 0.63, 0.52), (0.18, 0.5, 0.53, 0.47), (0.76, 0.52, 0.03, 0.44)
 _HISTOGRAM, _SECTION = (0.16, 0.1, 0.38, 0.23), (0.655, 0.1, 0.33, 0.23)
 # The inset of a picture that has no histogram.
 _SECTION_ALONE = (0.2, 0.1, 0.6, 0.23)
 _BINS = 40
-# Axes shorter than this fraction of the longest have only two ticks.
-_SHORT = 0.35
-# The inset shows this many distances to each side, at least this fraction of the shapes' size.
-_AROUND, _LEAST = 1.6, 0.02
 
 
 def deviation(
@@ -205,7 +199,8 @@ def _whole(shown: _ColoredPair, witness: bool, color_bar: bool, section: tuple[f
     """A new figure with the colored shape, its color bar and the inset; return the axes of the shape."""
     import matplotlib.pyplot as plt
 
-    figure = plt.figure(figsize=(COLUMN_INCHES, _TALL * COLUMN_INCHES))
+    # Height of a whole picture as a fraction of its width, in a column.
+    figure = plt.figure(figsize=(COLUMN_INCHES, 1.5 * COLUMN_INCHES))
     space = shown.a.dim == 3
     ax: Any = figure.add_axes(_SPACE if space else _PLANE, projection="3d" if space else None)
     bar = figure.add_axes(_BAR) if color_bar else None
@@ -295,7 +290,8 @@ def _sized(ax: Any, extent: np.ndarray) -> None:
     # A long box is as long as a cube's diagonal, and its labels stand beyond its ends.
     ax.set_box_aspect(sides, zoom=0.65 * np.sqrt(np.linalg.norm(sides) / np.max(sides)))
     for name, share, ends in zip("xyz", extent / (np.max(extent) or 1.0), limits, strict=True):
-        if share >= _SHORT:
+        # Axes shorter than this fraction of the longest have only two ticks.
+        if share >= 0.35:
             ax.locator_params(axis=name, nbins=int(np.clip(round(4 * share), 2, 4)))
             continue
         unit = 10.0 ** np.floor(np.log10(np.ptp(ends) / 2))
@@ -319,7 +315,8 @@ def _inset(shown: _ColoredPair, ax: Any) -> None:
     point, foot = (np.asarray(x, float) for x in (found.witness.point, found.witness.feet[0]))
     distance = float(found.value)
     size = float(np.max(np.ptp(pieces_of(shown.a).points, axis=0)))
-    reach = max(_AROUND * distance, _LEAST * size) or 1.0
+    # The inset shows this many distances to each side, at least this fraction of the shapes' size.
+    reach = max(1.6 * distance, 0.02 * size) or 1.0
     up = point - foot
     up = up / np.linalg.norm(up) if np.any(up != 0) else np.eye(len(point))[-1]
     across = _across(shown.a, point, up)

@@ -15,10 +15,6 @@ from jaxtyping import Float, Int
 
 from jhd._plot.axes import draw, finish
 
-# Faces whose planes are tried at each node; the plane that cuts fewest faces is taken.
-_TRIED = 6
-# Tolerance for lying in a plane, as a fraction of the total size.
-_FLAT = 1e-9
 _LIGHT = np.array([0.35, -0.5, 0.79])  # direction to the light, above the left shoulder of the usual view
 _SHADE = 0.45  # fraction of a color that faces turned from the light lose
 # Up to _FEW triangles, which are large, are drawn in exact order, cut into at most _PARTS parts; more by depth.
@@ -49,7 +45,8 @@ class DepthTree:
         self.parts = np.array(corners, float)
         self.owner = np.arange(len(corners))
         self._most = most
-        self._flat = _FLAT * float(np.max(np.ptp(self.parts.reshape(-1, 3), axis=0), initial=0.0))
+        # Tolerance for lying in a plane, as a fraction of the total size.
+        self._flat = 1e-9 * float(np.max(np.ptp(self.parts.reshape(-1, 3), axis=0), initial=0.0))
         self._nodes: list[_Node] = []
         waiting = [(np.arange(len(corners)), -1, 0)]
         while waiting:
@@ -95,8 +92,9 @@ class DepthTree:
 
     def _plane(self, rows: np.ndarray) -> np.ndarray:
         """The plane, among planes of some of the faces, that cuts fewest faces."""
+        # Faces whose planes are tried at each node; the plane that cuts fewest faces is taken.
         planes = [
-            self._plane_of(int(row)) for row in rows[np.linspace(0, len(rows) - 1, min(_TRIED, len(rows))).astype(int)]
+            self._plane_of(int(row)) for row in rows[np.linspace(0, len(rows) - 1, min(6, len(rows))).astype(int)]
         ]
         heights = [self._heights(rows, plane) for plane in planes]
         cuts = [np.sum((x.max(axis=1) > self._flat) & (x.min(axis=1) < -self._flat)) for x in heights]

@@ -13,8 +13,6 @@ from jhd._shapes.mesh import TriangleMesh, check_mesh, places_of
 
 # More triangles of all meshes together take many seconds to draw, and are smaller than a printed dot.
 _MOST = 20_000
-# First number of cells along the longest side in which vertices are merged, and its factor from try to try.
-_CELLS, _COARSER = 256, 0.75
 
 
 def mesh(
@@ -95,9 +93,11 @@ def faces_of(shape: TriangleMesh, most: int = _MOST // 2) -> np.ndarray:
 
 def _few(corners: np.ndarray, most: int) -> np.ndarray:
     """At most `most` triangles (triangles, 3, 3) that look like the given ones from afar."""
-    cells, few = float(_CELLS), corners
+    # First number of cells along the longest side in which vertices are merged.
+    cells, few = 256.0, corners
     while len(few) > most:
-        few, cells = _gathered(corners, cells), cells * _COARSER
+        # From try to try the number of cells shrinks by this factor.
+        few, cells = _gathered(corners, cells), cells * 0.75
     return few
 
 

@@ -16,14 +16,8 @@ from jhd._shapes.as_shape import ShapeLike, as_shape
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.foreign import Axes
 
-# Queries drawn by default: more are too many for a page.
-_ROWS = 8
-# Width and height of a panel in inches: room for a distance in writing above a shape.
-_WIDTH, _HEIGHT = 0.95, 1.2
 _COLORS, _WHAT = (BLUE, ORANGE), ("query", "neighbor")
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.2)))
-# Opacity of surfaces that lie over each other.
-_ALPHA = 0.6
 
 
 def neighbors(
@@ -69,7 +63,8 @@ def neighbors(
     if not isinstance(found, Neighbors):
         got = type(found).__name__
         raise TypeError(f"found is a {got}; needs the result of jhd.nearest_shapes: neighbors(queries, shapes, found).")
-    chosen = list(range(min(len(queries), _ROWS)) if rows is None else rows)
+    # Queries drawn by default: more are too many for a page.
+    chosen = list(range(min(len(queries), 8)) if rows is None else rows)
     width = 1 + found.index.shape[1]
     dim = as_shape(queries[0]).dim
     drawn = _figure(len(chosen), width, dim) if axes is None else np.asarray(axes)
@@ -91,7 +86,8 @@ def _figure(rows: int, columns: int, dim: int) -> Any:
     import matplotlib.pyplot as plt
     from matplotlib.lines import Line2D
 
-    size = max(COLUMN_INCHES, _WIDTH * columns), _HEIGHT * rows + 0.3
+    # Width and height of a panel in inches: room for a distance in writing above a shape.
+    size = max(COLUMN_INCHES, 0.95 * columns), 1.2 * rows + 0.3
     space: dict[str, Any] = {"subplot_kw": {"projection": "3d"}} if dim == 3 else {}
     figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, **space)
     styles = zip(_COLORS, _DASHES, _WHAT, strict=True)
@@ -108,7 +104,8 @@ def _draw(ax: Any, shapes: list[Any]) -> None:
         if surfaces:
             # The last corner twice makes a quadrilateral of a triangle.
             faces = [pieces_of(shape).corners[:, [0, 1, 2, 2]] for shape in drawn]
-            shaded_shapes(ax, faces, colors, [None] * len(drawn), _ALPHA)
+            # Opacity of surfaces that lie over each other.
+            shaded_shapes(ax, faces, colors, [None] * len(drawn), 0.6)
             continue
         for k, shape in zip(numbers, drawn, strict=True):
             curve(shape, ax, color=_COLORS[k], linestyle=_DASHES[k], control_polygon=False)

@@ -14,8 +14,6 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import AbstractPatch
 
 _STEPS = 3
-# Least number of quadrilaterals along each side of a patch.
-_LEAST = 4
 
 
 def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "cells corners 3"]:
@@ -40,7 +38,8 @@ def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "c
 def quadrilaterals_of_patches(shape: AbstractPatch, cells: int) -> Float[np.ndarray, "cells corners 3"]:
     """Quadrilaterals of a parametric surface, about `cells` along each side, with corners in cyclic order."""
     patches = shape.patches()
-    n = int(np.clip(np.ceil(cells / np.sqrt(patches.count)), _LEAST, cells))
+    # Least number of quadrilaterals along each side of a patch.
+    n = int(np.clip(np.ceil(cells / np.sqrt(patches.count)), 4, cells))
     t = np.linspace(0.0, 1.0, n + 1)
     piece: Any = np.arange(patches.count)[:, None, None]
     points = np.asarray(patches.point(piece, t[:, None], t), float)

@@ -138,8 +138,6 @@ Plotly.newPlot("space", data.traces, data.layout, {{responsive: true}});
 # Pixels of the longer side of a picture in the plane, of the margin about it, and of a profile.
 _SIDE, _MARGIN = 640.0, 14.0
 _WIDE, _HIGH = 640.0, 150.0
-# Approximate number of points of a walk along a curve, and least and most points of one segment.
-_PLACES, _LEAST, _MOST = 1500, 4, 64
 # The room above the largest distance of a profile.
 _ABOVE = 1.06
 _OPACITY = 0.2
@@ -261,7 +259,8 @@ def _in_plane(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str]
 def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, Any]:
     """Points along a curve with their distances, among them the farthest point, and its event."""
     count = a.segments().count
-    found = distance_profile(a, b, samples=int(np.clip(_PLACES // count, _LEAST, _MOST)))
+    # Approximate number of points of a walk along a curve, and least and most points of one segment.
+    found = distance_profile(a, b, samples=int(np.clip(1500 // count, 4, 64)))
     names = ("t", "point", "distance", "lower", "upper")
     walk: dict[str, Any] = {name: np.asarray(getattr(found, name)).tolist() for name in names}
     walk["dots"] = a.segments().degree == 0

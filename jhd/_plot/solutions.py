@@ -19,8 +19,6 @@ from jhd._shapes.mesh import TriangleMesh
 
 _COLORS = BLUE, ORANGE
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.2)))
-# Opacity of surfaces and meshes, behind which the other shape may lie; cells that a surface is drawn from.
-_ALPHA, _CELLS = 0.6, 48
 
 
 def witness(
@@ -127,7 +125,8 @@ def solution(
     faced = [(_faces(shape), color, name) for shape, color, _, name in drawn if not isinstance(shape, AbstractCurve)]
     if faced:
         faces, colors, names = zip(*faced, strict=True)
-        shaded_shapes(ax, faces, colors, names, _ALPHA)
+        # Opacity of surfaces and meshes, behind which the other shape may lie.
+        shaded_shapes(ax, faces, colors, names, 0.6)
         frame(ax, [np.asarray(end) for shape in (a, b) for end in shape.bounds])
     for shape, color, dashes, name in drawn:
         if isinstance(shape, AbstractCurve):
@@ -139,7 +138,8 @@ def solution(
 
 
 def _faces(shape: Any) -> np.ndarray:
-    return faces_of(shape) if isinstance(shape, TriangleMesh) else net(shape, _CELLS)
+    # Cells along each axis that a surface is drawn from.
+    return faces_of(shape) if isinstance(shape, TriangleMesh) else net(shape, 48)
 
 
 def _ends(solution: HausdorffSolution | MinimumSolution) -> tuple[np.ndarray, np.ndarray]:

@@ -12,10 +12,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 WIDTH = 8
-# Cells along the longest side of the grid of hints.
-_LARGEST_GRID = 64
-# Sample points of a long triangle along an edge: hints far from all of them are only slow.
-_SAMPLES = 32
 
 
 class Level(NamedTuple):
@@ -113,7 +109,8 @@ class Hints(NamedTuple):
 def hints(corners: Float[np.ndarray, "triangles 3 3"]) -> Hints:
     """The grid of a mesh: each cell gets the triangle of the nearest sample point, of which each cell keeps one."""
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    cells = min(_LARGEST_GRID, int(np.ceil(2 * len(corners) ** (1 / 3))) + 1)
+    # Cells along the longest side of the grid of hints.
+    cells = min(64, int(np.ceil(2 * len(corners) ** (1 / 3))) + 1)
     side = float(np.max(upper - lower)) / cells or 1.0
     samples, owners = _samples(corners, side)
     shape = np.maximum(1, np.ceil((upper - lower) / side - 1e-9).astype(int))
@@ -129,7 +126,8 @@ def hints(corners: Float[np.ndarray, "triangles 3 3"]) -> Hints:
 def _samples(corners: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
     """Points of the triangles with a spacing of about one cell, and the triangle of each."""
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
-    parts = np.clip(np.ceil(edges / side), 1, _SAMPLES).astype(int)
+    # Sample points of a long triangle along an edge: hints far from all of them are only slow.
+    parts = np.clip(np.ceil(edges / side), 1, 32).astype(int)
     points, owners = [], []
     for n in np.unique(parts):
         own = np.flatnonzero(parts == n)

@@ -56,10 +56,6 @@ _STEPS = (1, 2, 4, 8, 16)
 _FEW, _TURNS = 256, 3
 # Steps away from the mesh that are tried, as fractions of its size.
 _STEPS_AWAY = [2.0**-k for k in (3, 5, 7, 10, 13, 16, 20)]
-# Triangles whose solid angles are formed at once under tracing.
-_PAIRS = 1 << 16
-# Largest loss of the sums of a node by underflow, in smallest normal numbers: triangles lose fractions of one.
-_LOST = 64
 # Triangles whose errors add up to at most this are not evaluated exactly.
 _ROOM = 0.1
 
@@ -316,7 +312,8 @@ def _expansions(table: Array, points: Array, node: Array) -> tuple[Array, Array]
     value = (flux + trace) / cube - 3 * twice / (cube * square)
     gap = length * (1 - gamma(16, points.dtype)) - radius
     gap = jnp.where(sound & (gap > 0), gap, 1.0)
-    lost = _LOST * smallest_normal(points.dtype)
+    # Largest loss of the sums of a node by underflow, in smallest normal numbers: triangles lose fractions of one.
+    lost = 64 * smallest_normal(points.dtype)
     rounding = (gamma(1024, points.dtype) * area * (1 + 4 * radius / length) + lost * (1 + 1 / length)) / square
     remainder = 3 * (second + lost) / (gap * gap) / (gap * gap)
     bound = jnp.where(sound & (gap > 0), (remainder + rounding) * (1 + gamma(64, points.dtype)), jnp.inf)
@@ -404,7 +401,8 @@ def _known_angles(corners: Array, point: Array) -> tuple[Array, Array]:
 def summed_angles(corners: Float[Array, "triangles corners 3"], points: Float[Array, "points 3"]) -> Array:
     """Winding numbers of points from all triangles, in blocks; for use under tracing, without a bound."""
     count = corners.shape[0]
-    size = max(1, min(points.shape[0], _PAIRS // count))
+    # Triangles whose solid angles are formed at once under tracing.
+    size = max(1, min(points.shape[0], (1 << 16) // count))
     index = np.minimum(np.arange(-(-points.shape[0] // size) * size), points.shape[0] - 1)
     rows = points[index].reshape(-1, size, 3)
     found: Any = lax.map(lambda p: jnp.sum(solid_angles(corners - p[:, None, None, :])[0], axis=-1), rows)

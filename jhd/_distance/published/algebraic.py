@@ -13,6 +13,7 @@ al. 2010 compare their method with this method without trimming.
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array
+from typing_extensions import override
 
 from jhd._distance.normalization.coordinates import Frame
 from jhd._distance.normalization.method import AbstractHostMethod
@@ -25,9 +26,6 @@ from jhd._results.solution import HausdorffSolution
 from jhd._runtime.arrays import check_scalar, check_whole
 from jhd._shapes.checks import optional_array
 from jhd._shapes.curve import BezierSegments
-
-# Default size of final boxes, as a fraction of the extent of the pair; Newton's method continues from there.
-_FINAL = 1e-8
 
 
 class AlgebraicEvents(AbstractHostMethod):
@@ -72,21 +70,8 @@ class AlgebraicEvents(AbstractHostMethod):
         check_whole("capacity", self.capacity, 16)
         check_whole("max_boxes", self.max_boxes, 0)
 
+    @override
     def _directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """The distance from `a` to `b` in common coordinates; called by `jhd.directed_hausdorff`.
-
-        Args:
-            a: the source curve, polynomial and in the plane.
-            b: the target curve, polynomial and in the plane.
-            frame: the map back to the coordinates of the user.
-            aim: the range in which the answer matters.
-
-        Returns:
-            A HausdorffSolution in common coordinates.
-
-        Raises:
-            TypeError: rational segments, curves in space, or traced control points.
-        """
         check_served(type(self).__name__, a, b)
         pair = HostPair.of(a, b)
         count = pair.a.moving
@@ -99,4 +84,5 @@ class AlgebraicEvents(AbstractHostMethod):
 
 def final_size(box_size: Array | None, frame: Frame) -> float:
     """Return the size of final boxes in common coordinates, not below the resolution of parameters."""
-    return _FINAL if box_size is None else max(float(frame.common(np.asarray(box_size))), 1e-13)
+    # Default size of final boxes, as a fraction of the extent of the pair; Newton's method continues from there.
+    return 1e-8 if box_size is None else max(float(frame.common(np.asarray(box_size))), 1e-13)

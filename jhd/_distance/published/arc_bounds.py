@@ -14,16 +14,10 @@ from jhd._arithmetic.rounding import gamma
 from jhd._runtime.arrays import taken
 from jhd._shapes.deviation import HostArcs
 
-# Radii above this are cut down to it, which moves an arc by less than its sagitta: centers then lose few digits.
-_LARGEST_RADIUS = 1e6
 # How far outside of a wedge (in radians) a direction still counts as inside.
 _ABOUT = 1e-9
-# Shorter chords are points.
-_POINT = 1e-150
 # Arcs of b that are tried for each of three points of an arc of a.
 _TRIED = 3
-# Distances of discs to arcs that are formed together.
-_TABLE = 2**16
 
 
 class Arcs(NamedTuple):
@@ -86,8 +80,10 @@ def arcs_of(arcs: HostArcs) -> Arcs:
     start, end, b = arcs.start, arcs.end, arcs.bulge
     chord = end - start
     length = np.abs(chord)
-    point = length < _POINT
-    flattest = length / (4 * _LARGEST_RADIUS)
+    # Shorter chords are points.
+    point = length < 1e-150
+    # Radii above 1e6 are cut down to it, which moves an arc by less than its sagitta: centers then lose few digits.
+    flattest = length / 4e6
     flat = np.abs(b) < flattest
     deviation = np.where(flat, arcs.deviation + 0.5 * flattest * length, arcs.deviation)
     b = np.where(flat, np.copysign(flattest, b), b)
@@ -234,7 +230,8 @@ class ArcTarget:
     def within(self, center: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return disc indices in order, and arcs whose pieces of b may meet them: none is missed, rounding included."""
         discs, arcs = [], []
-        step = max(1, _TABLE // len(self.arcs.t0))
+        # Distances of discs to arcs that are formed together.
+        step = max(1, 2**16 // len(self.arcs.t0))
         slack = gamma(200, np.float64) * (2 + self.arcs.radius) + self.arcs.deviation
         for start in range(0, len(center), step):
             rows = slice(start, start + step)

@@ -44,9 +44,8 @@ from jhd.progress import Callback
 
 # Cells of a that are compared at once with a tile of cells of b: 2 MB of numbers.
 _CHUNK, _TILE = 1024, 256
-# Largest grid whose cells are all held in one array, 64 MB; and number of cells of a whose lines are processed
-# together.
-_LARGEST_GRID, _PLACES = 256, 4096
+# Number of cells of a whose lines are processed together.
+_PLACES = 4096
 
 
 class CubeIntervals(AbstractHausdorffMethod):
@@ -105,39 +104,13 @@ class CubeIntervals(AbstractHausdorffMethod):
     def _directed_surfaces(
         self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Callback | None = None
     ) -> HausdorffSolution:
-        """The directed distance, max over a of min over b; called by `jhd.directed_hausdorff`.
-
-        Args:
-            a: an implicit surface with a box, both concrete.
-            b: an implicit surface; its box may differ from the box of `a`.
-            progress: a function that is called with a Progress while the surfaces are voxelized.
-
-        Returns:
-            A HausdorffSolution with the interval as its bounds.
-
-        Raises:
-            TypeError: shapes of another kind, or traced ones.
-            ValueError: a surface that is certified to be empty in its box.
-        """
+        """The directed distance, max over a of min over b; called by `jhd.directed_hausdorff`."""
         return self._measured(*self._cells(a, b, progress), DIRECTIONS.a_to_b)
 
     def _surfaces(
         self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Callback | None = None
     ) -> HausdorffSolution:
-        """The larger of both directed distances, with the larger of both bounds; called by `jhd.hausdorff`.
-
-        Args:
-            a: an implicit surface with a box, both concrete.
-            b: an implicit surface; its box may differ from the box of `a`.
-            progress: a function that is called with a Progress while the surfaces are voxelized.
-
-        Returns:
-            A HausdorffSolution with the interval as its bounds.
-
-        Raises:
-            TypeError: shapes of another kind, or traced ones.
-            ValueError: a surface that is certified to be empty in its box.
-        """
+        """The larger of both directed distances, with the larger of both bounds; called by `jhd.hausdorff`."""
         p, q, scale = self._cells(a, b, progress)
         return larger_interval(
             self._measured(p, q, scale, DIRECTIONS.a_to_b), self._measured(q, p, scale, DIRECTIONS.b_to_a)
@@ -146,35 +119,22 @@ class CubeIntervals(AbstractHausdorffMethod):
     def _cells(
         self, a: ImplicitSurface, b: ImplicitSurface, progress: Callback | None
     ) -> tuple["_GridCells", "_GridCells", "_Scale"]:
-        """The cells of both surfaces in common coordinates.
+        """The cells of `a` and of `b` in common coordinates, and the scale of these; both surfaces are concrete.
 
-        Args:
-            a: an implicit surface with a box, both concrete.
-            b: an implicit surface; its box may differ from the box of `a`.
-            progress: a function that is called with a Progress while the surfaces are voxelized.
-
-        Returns:
-            The cells of `a`, the cells of `b`, and the scale of the common coordinates.
+        Raises:
+            TypeError: shapes of another kind, or traced ones.
+            ValueError: a surface that is certified to be empty in its box.
         """
         check_surface("a", a)
         check_surface("b", b)
         ranges = "bernstein" if self.rule == "safe" else "modified_affine"
         voxels = [voxelize(surface, self.cells, ranges, progress) for surface in (a, b)]
-        common = _on_one_grid if _same_cube(a, b) and self.cells <= _LARGEST_GRID else _on_two_grids
+        # Largest grid whose cells are all held in one array, 64 MB.
+        common = _on_one_grid if _same_cube(a, b) and self.cells <= 256 else _on_two_grids
         return common((a, b), voxels, self.cells)
 
     def _measured(self, p: "_GridCells", q: "_GridCells", scale: "_Scale", direction: DIRECTIONS) -> HausdorffSolution:
-        """The directed distance from the surface of the cells p to the surface of the cells q.
-
-        Args:
-            p: cells of the source surface.
-            q: cells of the target surface.
-            scale: the scale of the common coordinates.
-            direction: the member of DIRECTIONS for the witness.
-
-        Returns:
-            A HausdorffSolution with the interval as its bounds.
-        """
+        """The directed distance from the surface of the cells p to the surface of the cells q."""
         safe = self.rule == "safe"
         proven = q.proven if safe else np.ones_like(q.proven)
         by_axes = self.pairs == "separable" and scale.exact

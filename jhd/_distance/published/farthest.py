@@ -22,8 +22,6 @@ from jhd._shapes.curve import BezierSegments
 
 # Points measured in one call of the compiled function.
 _MEASURED = 8
-# Rounds of samples around a point that no equation fixes, each twice closer.
-_ROUNDS = 8
 
 
 class Measured(NamedTuple):
@@ -78,7 +76,8 @@ def measured(pair: HostPair, segment: np.ndarray, t: np.ndarray, best: Measured 
 
 def zoomed(pair: HostPair, best: Measured, width: float) -> Measured:
     """Return the best point after rounds of samples around it, each round in a smaller interval."""
-    for _ in range(_ROUNDS):
+    # Rounds of samples around a point that no equation fixes, each twice closer.
+    for _ in range(8):
         around = np.clip(best.t + width * np.linspace(-1, 1, _MEASURED), 0.0, 1.0)
         best = measured(pair, np.full(_MEASURED, best.segment), around, best)
         width = 4 * width / _MEASURED

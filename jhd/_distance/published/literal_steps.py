@@ -26,14 +26,6 @@ from jhd._distance.normalization.pieces import CurvePlace, piece_of
 from jhd._distance.published.refinement import RefinedPair, lengths
 from jhd._shapes.curve import BezierSegments
 
-# Samples that are refined, and halvings: intervals of at most two segments end below the printed 1e-10.
-_KEPT, _HALVINGS = 8, 36
-# Feet closer than this, in the common coordinates, are taken for one branch.
-_NEAR = 0.25
-# Stationary points closer than this are one: a joint is the end of two segments.
-_SAME = 1e-7
-# Boxes of stationary points that there is room for on a segment.
-_CAPACITY = 16
 # Samples searched side by side.
 _CHUNK = 32
 
@@ -93,14 +85,16 @@ class _Run(NamedTuple):
     def feet(self, point: Array) -> _NearestTwo:
         """Return the nearest two of all stationary points of the distance from a point, and of all ends of segments."""
         index = jnp.arange(self.curve.count)
-        roots = jax.vmap(lambda k: roots_on(point, self.curve, k, _CAPACITY))(index)
+        # Boxes of stationary points that there is room for on a segment.
+        roots = jax.vmap(lambda k: roots_on(point, self.curve, k, 16))(index)
         ends = jnp.broadcast_to(jnp.array([0.0, 1.0]), (len(index), 2))
         t = jnp.concatenate([0.5 * (roots.lower + roots.upper)[..., 0], ends], axis=1)
         valid = jnp.concatenate([roots.valid, ends >= 0], axis=1) & ~self.skip[:, None]
         points = jax.vmap(jax.vmap(lambda k, s: self.point(CurvePlace(k, s)), in_axes=(None, 0)))(index, t)
         distance = jnp.where(valid, lengths(points - point), jnp.inf)
         first = jnp.unravel_index(jnp.argmin(distance), distance.shape)
-        others = lengths(points - points[first]) > _SAME
+        # Stationary points closer than this are one: a joint is the end of two segments.
+        others = lengths(points - points[first]) > 1e-7
         second = jnp.min(jnp.where(others, distance, jnp.inf))
         return _NearestTwo(distance[first], second, CurvePlace(first[0], t[first]), points[first])
 
@@ -116,10 +110,12 @@ def published_candidates(pair: RefinedPair, samples: int) -> PublishedCandidates
     g = jnp.arange(samples + 1) * (a.count / samples)
     feet = in_chunks(lambda x: b.feet(a.point(a.place(x))), g, _CHUNK)
     peak = _peaks(feet.distance, a.closed)
-    _, k = jax.lax.top_k(jnp.where(peak, feet.distance, -jnp.inf), min(_KEPT, samples))
+    # Samples that are refined.
+    _, k = jax.lax.top_k(jnp.where(peak, feet.distance, -jnp.inf), min(8, samples))
     before = jnp.where(k == 0, samples - 1, k - 1)
     low, high = g[k] - a.count / samples, g[k] + a.count / samples
-    apart = lengths(feet.point[before] - feet.point[jnp.minimum(k + 1, samples)]) >= _NEAR
+    # Feet closer than this, in the common coordinates, are taken for one branch.
+    apart = lengths(feet.point[before] - feet.point[jnp.minimum(k + 1, samples)]) >= 0.25
     refined = jax.vmap(lambda *x: _bisected(a, b, *x))(low, g[k], high, apart)
     ends, free = a.ends()
     t = jnp.concatenate([refined, ends])
@@ -163,5 +159,6 @@ def _bisected(a: _Run, b: _Run, low: Array, middle: Array, high: Array, apart: A
         return jnp.where(goes_on, g, left), jnp.where(goes_on, right, g)
 
     at_low, at_high = jax.vmap(f)(jnp.stack([low, high]))
-    left, right = jax.lax.fori_loop(0, _HALVINGS, halve, (low, high))
+    # After these halvings, intervals of at most two segments end below the printed 1e-10.
+    left, right = jax.lax.fori_loop(0, 36, halve, (low, high))
     return jnp.where(at_low * at_high < 0, 0.5 * (left + right), middle)

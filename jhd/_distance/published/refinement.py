@@ -24,14 +24,10 @@ from jhd._distance.witness.events import event_residual
 from jhd._runtime.arrays import varying
 from jhd._shapes.curve import BezierSegments
 
-# Newton steps that follow a foot over an interval, and Newton steps of a polish.
-_FOLLOW, _POLISH = 6, 16
-# Fraction of an interval at which bisection hands over to Newton's method, and at which it ends if Newton fails.
-COARSE, _FINE = 2.0**-8, 2.0**-44
+# Fraction of an interval at which bisection hands over to Newton's method.
+COARSE = 2.0**-8
 # Differences of squared distances below this count as zero: rounding leaves about 1e-15 in the common coordinates.
 _EQUAL = 1e-14
-# Residual of the equations, in the common coordinates, that a polished event leaves.
-_RESIDUAL = 1e-13
 _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
 
@@ -68,7 +64,8 @@ def candidates(pair: RefinedPair, lanes: Bracket) -> tuple[Array, Array]:
 
     def refine(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         turn, t, ok = state
-        refined = _refined(pair, lanes, jnp.where(turn == 0, COARSE, _FINE))
+        # Fraction of an interval at which bisection ends if Newton's method fails.
+        refined = _refined(pair, lanes, jnp.where(turn == 0, COARSE, 2.0**-44))
         polished, good = jax.vmap(_polished, in_axes=(None, 0, 0))(pair, lanes, refined)
         return turn + 1, jnp.where(ok, t, polished), ok | good
 
@@ -95,7 +92,8 @@ def _point(pair: RefinedPair, bracket: Bracket, t: Array) -> Array:
 def _branch(pair: RefinedPair, bracket: Bracket, t: Array, from_right: Array) -> FootState:
     """Return the foot at t on the branch of the left or of the right end."""
     k, s = jnp.where(from_right, bracket.k1, bracket.k0), jnp.where(from_right, bracket.s1, bracket.s0)
-    return follow_foot(_point(pair, bracket, t), pair.b, pair.before, k, s, _FOLLOW)
+    # Newton steps that follow a foot over an interval.
+    return follow_foot(_point(pair, bracket, t), pair.b, pair.before, k, s, 6)
 
 
 @jax.jit
@@ -189,9 +187,11 @@ def _polished(pair: RefinedPair, bracket: Bracket, refined: _Refined) -> tuple[A
             "lower": jnp.zeros_like(start).at[0].set(bracket.t0),
             "upper": jnp.ones_like(start).at[0].set(bracket.t1),
         }
-        solution = optx.root_find(event_residual, _NEWTON, start, args, options=options, max_steps=_POLISH, throw=False)
+        # Newton steps of a polish.
+        solution = optx.root_find(event_residual, _NEWTON, start, args, options=options, max_steps=16, throw=False)
         left = jnp.max(jnp.abs(event_residual(solution.value, args)))
-        return solution.value[0], jnp.isfinite(left) & (left <= _RESIDUAL)
+        # Residual of the equations, in the common coordinates, that a polished event leaves.
+        return solution.value[0], jnp.isfinite(left) & (left <= 1e-13)
 
     # The crossing has both branches as feet; the antipodal candidates one, of the left and of the right end.
     turned = jnp.array([False, False, True])

@@ -17,6 +17,7 @@ from weakref import ref
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array
+from typing_extensions import override
 
 from jhd._distance.normalization.coordinates import Frame
 from jhd._distance.normalization.curves import evaluation_error
@@ -40,14 +41,11 @@ from jhd._shapes.unchecked import trusted
 
 # Points measured at a time.
 _SAMPLES = 16
-# The default deviation of biarcs: this fraction of the first lower bound, between fractions of the unit of coordinates.
-_SHARE, _FINEST, _COARSEST = 1 / 64, 1e-5, 1e-2
 # Arcs of a that are examined for the best point, points on each, rounds of closer points around the best, and points of
 # each round that are measured: eight at most, as the compiled function takes them.
 _BEST, _PLACES, _ROUNDS, _KEPT = 8, 9, 3, 2
-# Chords into which the rest of an arc is cut; it is cut again if they are longer than this many deviations, so that
-# their length decides more than the known distance to b.
-_CHORDS, _LONG = 16, 8
+# Chords into which the rest of an arc is cut.
+_CHORDS = 16
 _NOTHING = (
     EventPieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0))),
     SurvivingFeet(np.zeros(0, int), np.zeros(0, int), np.zeros((2, 0))),
@@ -114,23 +112,9 @@ class BiarcTrimming(AbstractHostMethod):
         check_whole("max_boxes", self.max_boxes, 0)
         check_scalar("deviation", self.deviation, positive=True)
 
+    @override
     def _directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """The distance from `a` to `b` in common coordinates; called by `jhd.directed_hausdorff`.
-
-        Parts below the level of the aim are trimmed too.
-
-        Args:
-            a: the source curve, polynomial and in the plane.
-            b: the target curve, polynomial and in the plane.
-            frame: the map back to the coordinates of the user.
-            aim: the range in which the answer matters.
-
-        Returns:
-            A HausdorffSolution in common coordinates.
-
-        Raises:
-            TypeError: rational segments, curves in space, or traced control points.
-        """
+        # Parts below the level of the aim are trimmed too.
         check_served(type(self).__name__, a, b)
         pair, arcs = _replaced(a, b, None if self.deviation is None else float(self.deviation), frame)
         search = Search(final_size(self.box_size, frame), self.capacity, self.max_boxes)
@@ -178,7 +162,9 @@ def arc_deviation(pair: HostPair, wanted: float | None, frame: Frame) -> float:
     """
     if wanted is not None:
         return float(frame.common(np.asarray(wanted)))
-    return min(max(_SHARE * _first_sample(pair), _FINEST), _COARSEST)
+    # The default deviation of biarcs: this fraction of the first lower bound, between fractions of the unit of
+    # coordinates.
+    return min(max(_first_sample(pair) / 64, 1e-5), 1e-2)
 
 
 class _Replaced(NamedTuple):
@@ -279,7 +265,9 @@ def trimmed(pair: HostPair, d: Arcs, c: Arcs, level: float) -> Trimmed:
     for _ in range(2):
         d = _chords(points, d)
         d, upper = _above(level, d, np.minimum(target.reach(d) + error, np.repeat(upper, _CHORDS)))
-        if np.max(np.abs(d.end - d.start), initial=0.0) <= _LONG * target.largest_deviation:
+        # An arc is cut again if its chords are longer than this many deviations, so that their length decides more than
+        # the known distance to b.
+        if np.max(np.abs(d.end - d.start), initial=0.0) <= 8 * target.largest_deviation:
             break
     pieces = event_pieces(moving[d.segment], d.t0, d.t1, upper, level - 2 * error)
     return Trimmed(pieces, _feet(pair, pieces, target), max(level, float(np.max(upper, initial=0.0))), best)

@@ -37,19 +37,6 @@ from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd._runtime.arrays import check_whole, varying
 from jhd._shapes.curve import BezierSegments
 
-# Samples of the whole curve when their number is left open: shared among the segments, within these limits for each.
-_SAMPLES, _LEAST, _MOST = 512, 6, 128
-# Samples of the whole curve with variant="paper": the number in the source's example 2.
-_PUBLISHED = 90
-# Intervals refined together; most pairs need one or two rounds of this size.
-_LANES = 8
-# Free entries for the halves of intervals that a third branch cuts.
-_EXTRA = 32
-# Samples searched side by side: more wait for the slowest of them, fewer do not fill the vector units.
-_CHUNK = 128
-# Arc length of an interval in units of its chord, for ranking only.
-_ARC = 1.25
-
 
 class TwoStep(AbstractCurveMethod):
     """Hausdorff distance of curves by sampling and root finding: fast, but without a certified upper bound.
@@ -112,7 +99,8 @@ class TwoStep(AbstractCurveMethod):
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
         pair = RefinedPair(a, b, preceding(b.next_segment), *skip)
         if self.variant == "paper":
-            return _as_published(pair, self.samples or _PUBLISHED)
+            # Samples of the whole curve with variant="paper": the number in the source's example 2.
+            return _as_published(pair, self.samples or 90)
         samples = _sampled(pair, self._places(a, pair.skip_a))
         brackets = _brackets(samples)
         best = _best_sample(samples)
@@ -142,7 +130,9 @@ class TwoStep(AbstractCurveMethod):
 
     def _parameters(self, a: BezierSegments) -> Array:
         """Return the sample parameters, (segments, samples + 1), from 0 to 1."""
-        count = self.samples or min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
+        # Samples of the whole curve if their number is left open: shared among the segments, within these limits for
+        # each.
+        count = self.samples or min(max(math.ceil(512 / a.count), 6), 128)
         uniform = jnp.linspace(0.0, 1.0, count + 1)
         if self.spacing == "uniform" or a.degree < 2:
             return jnp.broadcast_to(uniform, (a.count, count + 1))
@@ -207,7 +197,8 @@ def _nearest_all(pair: RefinedPair, points: Array, skip: Array) -> NearestOnCurv
         point, tolerance = query
         return nearest(point, b.control_points, b.weights, tolerance, pair.skip_b)
 
-    return in_chunks(search, (points, jnp.where(skip, jnp.inf, 0.0)), _CHUNK)
+    # Samples searched side by side: more wait for the slowest of them, fewer do not fill the vector units.
+    return in_chunks(search, (points, jnp.where(skip, jnp.inf, 0.0)), 128)
 
 
 def _over_all(count: int, skip: Array, samples: int) -> CurvePlace:
@@ -259,12 +250,14 @@ def _brackets(samples: _CurveSamples) -> Bracket:
     # Feet of one branch move about as fast as the samples, unless a center of curvature of b is near.
     wanted = rises_and_falls | (feet_apart > 4 * chord) | peak[left] | peak[right]
     wanted = wanted & joined & (samples.t[left] < samples.t[right])
-    key = jnp.where(wanted, 0.5 * (d[left] + d[right] + _ARC * chord), -jnp.inf)
+    # Arc length of an interval in units of its chord, for ranking only.
+    key = jnp.where(wanted, 0.5 * (d[left] + d[right] + 1.25 * chord), -jnp.inf)
     grids = (samples.t, samples.foot_segment, samples.foot_s)
     ends = [x[part] for x in grids for part in (left, right)]
     fields = (key, samples.segment[left], ends[0], ends[1], ends[2], ends[4], ends[3], ends[5])
     fill = (-jnp.inf, 0, 0.0, 0.0, 0, 0.0, 0, 0.0)
-    return Bracket(*(jnp.pad(x, (0, _EXTRA), constant_values=v) for x, v in zip(fields, fill, strict=True)))
+    # Free entries for the halves of intervals that a third branch cuts.
+    return Bracket(*(jnp.pad(x, (0, 32), constant_values=v) for x, v in zip(fields, fill, strict=True)))
 
 
 def _as_published(pair: RefinedPair, samples: int) -> HausdorffSolution:
@@ -284,7 +277,8 @@ def _as_published(pair: RefinedPair, samples: int) -> HausdorffSolution:
 def _round(pair: RefinedPair, state: _Refining) -> _Refining:
     """Refine the intervals with the largest keys and take the best of their candidates."""
     brackets, best = state.brackets, state.best
-    keys, index = jax.lax.top_k(brackets.key, _LANES)
+    # Intervals refined together; most pairs need one or two rounds of this size.
+    keys, index = jax.lax.top_k(brackets.key, 8)
     lanes = Bracket(*(x[index] for x in brackets))
     live = keys > best.distance
     t, tracked = candidates(pair, lanes)

@@ -34,13 +34,8 @@ from jhd._shapes.patch import AbstractPatch
 
 # Points count as inside up to this fraction of the spacing.
 _SLACK = 1e-12
-# Triangles are cut until they span at most this many cubes, and this many pairs of a triangle and a cube are tested
-# together.
-_LONG, _PAIRS = 8, 1 << 18
 # Largest number of cubes along an axis.
 _MOST = 1 << 10
-# Meshes of parametric surfaces are off by at most this fraction of the distance of two lines.
-_MESHED = 0.01
 _SERVED = (ImplicitSurface, TriangleMesh, AbstractPatch)
 
 
@@ -143,7 +138,8 @@ class _MeshCubes(AbstractCubeSide):
         found, start = [], 0
         ends = np.cumsum(count)
         while start < len(count):
-            stop = max(start + 1, int(np.searchsorted(ends, ends[start] - count[start] + _PAIRS, side="right")))
+            # Pairs of a triangle and a cube that are tested together.
+            stop = max(start + 1, int(np.searchsorted(ends, ends[start] - count[start] + (1 << 18), side="right")))
             rows = np.repeat(np.arange(start, stop), count[start:stop])
             number = np.arange(len(rows)) - np.repeat(ends[start:stop] - count[start:stop], count[start:stop])
             number += ends[start] - count[start]
@@ -176,7 +172,8 @@ class _MeshCubes(AbstractCubeSide):
 
 def _short(corners: np.ndarray) -> np.ndarray:
     """Return the triangles, with long ones cut into quarters."""
-    while np.any(long := np.ptp(corners, axis=1).max(axis=1, initial=0.0) > _LONG):
+    # Triangles are cut until they span at most this many cubes.
+    while np.any(long := np.ptp(corners, axis=1).max(axis=1, initial=0.0) > 8):
         a, b, c = np.moveaxis(corners[long], 1, 0)
         d, e, f = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
         parts = [np.stack(x, axis=1) for x in ((a, d, f), (d, b, e), (f, e, c), (d, e, f))]
@@ -308,7 +305,8 @@ class VoxelPairs(AbstractMethod):
                 )
         if is_traced(a, b, self):
             raise TypeError("VoxelPairs runs on the host, not under jit: the grid depends on the surfaces.")
-        sides = [cube_side(shape, _MESHED * self.spacing / (self.samples - 1)) for shape in (a, b)]
+        # Meshes of parametric surfaces are off by at most this fraction of the distance of two lines.
+        sides = [cube_side(shape, 0.01 * self.spacing / (self.samples - 1)) for shape in (a, b)]
         origin, cells = self._grid(sides)
         occupied = [side.occupied(origin, self.spacing, cells) for side in sides]
         if not all(len(rows) for rows in occupied):

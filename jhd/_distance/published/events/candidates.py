@@ -11,9 +11,6 @@ from jhd._distance.published.events.host_pair import HostPair
 from jhd._distance.published.events.survivors import EventPieces, SurvivingFeet, everywhere, pairs, survivors, triples
 from jhd._distance.published.events.systems import NO_EVENTS, Events, Systems, solve
 
-# Newton's steps, which end if no parameter moves by more.
-_NEWTON_STEPS, _SETTLED = 8, 2.0**-44
-
 
 class Search(NamedTuple):
     """Options of the solver in common coordinates: size of final boxes, open boxes of a system, boxes in all."""
@@ -122,10 +119,11 @@ def _refined(a: Curve, b: Curve, found: Events) -> tuple[np.ndarray, np.ndarray,
     still = [k >= b.moving for k in found.segment[1:]]
     low, high = found.box[:, 0], found.box[:, 1]
     y = 0.5 * (low + high)
-    for _ in range(_NEWTON_STEPS):
+    # Newton's method ends if no parameter moves by more than 2^-44.
+    for _ in range(8):
         step = _newton_step(polynomial_jet(p, y[0]), polynomial_jet(q, y[1]), polynomial_jet(w, y[2]), two, still)
         moved = np.clip(y + np.where(np.isfinite(step) & found.isolated, step, 0.0), low, high)
-        still_, y = np.abs(moved - y).max() <= _SETTLED, moved
+        still_, y = np.abs(moved - y).max() <= 2.0**-44, moved
         if still_:
             break
     point = polynomial_jet(p, y[0])[0]

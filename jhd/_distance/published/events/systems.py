@@ -55,10 +55,6 @@ LEAST_PAD = 1e-14
 BLOCK = 1024
 # Systems in work at one time; each has at most `limit` boxes, which bounds the memory.
 SYSTEMS = 2048
-# A box whose largest side keeps more than this fraction is halved.
-_KEPT = 0.7
-# Cuts are widened by this fraction of the box and by LEAST_PAD.
-_PAD = 1e-3
 # Two roundings of a parameter in [0, 1].
 _ULP = 2.0**-52
 # Sides below this are final whatever their size in space: parameters hold no more.
@@ -346,7 +342,8 @@ def _children(
     """Return final boxes, and the boxes to examine next, halved if the cuts left much; each with their rows."""
     rows = np.flatnonzero(cut.alive)
     old, sides, sizes = box[:, :, rows], cut.sides[:, :, rows], cut.sizes[:, rows]
-    pad = _PAD * (sides[:, 1] - sides[:, 0]) + LEAST_PAD
+    # Cuts are widened by this fraction of the box and by LEAST_PAD.
+    pad = 1e-3 * (sides[:, 1] - sides[:, 0]) + LEAST_PAD
     low, high = np.maximum(sides[:, 0] - pad, 0.0), np.minimum(sides[:, 1] + pad, 1.0)
     width = old[:, 1] - old[:, 0]
     # At an end of the box the very number is kept: roots at ends of segments lie on it.
@@ -356,7 +353,8 @@ def _children(
     extent = sizes * shares
     done = np.all((extent <= box_size) | (stop - start <= _RESOLVED), axis=0)
     largest = np.argmax(np.where(stop - start > _RESOLVED, extent, -1.0), axis=0)
-    halve = ~done & (np.max(extent, axis=0) > _KEPT * np.max(sizes, axis=0))
+    # A box whose largest side keeps more than this fraction is halved.
+    halve = ~done & (np.max(extent, axis=0) > 0.7 * np.max(sizes, axis=0))
     whole = ~done & ~halve
     column = np.flatnonzero(halve)
     k, left, right = largest[column], new[:, :, column], new[:, :, column].copy()
