@@ -7,7 +7,7 @@ several contours, polylines and point sets (degree 0) all have this form.
 import dataclasses
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -25,6 +25,9 @@ from jhd._shapes.flattening import flattened, pieces_following
 from jhd._shapes.foreign import HasVertices, ShapelyGeometry
 from jhd._shapes.homogeneous import affine_image, cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd._shapes.joints import checked, completed, followed, joints, linked, turned
+
+
+SomeCurve = TypeVar("SomeCurve", bound="AbstractCurve")
 
 
 class AbstractCurve(eqx.Module):
@@ -79,7 +82,7 @@ class AbstractCurve(eqx.Module):
         """Number of coordinates."""
         return self.control_points.shape[-1]
 
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> Self:
+    def transform(self: SomeCurve, matrix: Numbers, offset: Numbers = 0.0) -> SomeCurve:
         """The image under x -> matrix x + offset; differentiable in both. Joints are kept.
 
         Args:
@@ -91,7 +94,7 @@ class AbstractCurve(eqx.Module):
         """
         return self._with_points(affine_image(self.control_points, matrix, offset))
 
-    def _with_points(self, points: Array) -> Self:
+    def _with_points(self: SomeCurve, points: Array) -> SomeCurve:
         return dataclasses.replace(self, control_points=points)
 
     def to_polyline(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> "Approximation[BezierSegments]":

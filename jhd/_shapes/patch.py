@@ -10,7 +10,7 @@ Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 14 and
 import dataclasses
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -89,6 +89,9 @@ class PatchMesh(Approximation[TriangleMesh]):
         return TriangleMesh(parts.point(self.patch, self.u, self.v), self.shape.triangles)
 
 
+SomePatch = TypeVar("SomePatch", bound="AbstractPatch")
+
+
 class AbstractPatch(eqx.Module):
     """A parametric surface in space. Points are rows; parameters u, v are scalars or arrays that broadcast."""
 
@@ -160,7 +163,7 @@ class AbstractPatch(eqx.Module):
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
         return Partials(*_partials(self, u, v))
 
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> Self:
+    def transform(self: SomePatch, matrix: Numbers, offset: Numbers = 0.0) -> SomePatch:
         """The image under x -> matrix x + offset; differentiable in both.
 
         Args:
