@@ -26,7 +26,7 @@ from jhd._shapes.joints import completed
 from jhd._shapes.knots import bezier_pieces, evaluate, insert, not_repeated, parted, ratio, tolerance, unrolled
 from jhd._shapes.unchecked import segments_of
 
-_NO_DEGREE = "it follows from the knots: use .clamped(points, degree), or .uniform(points, degree, closed=True)"
+_NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(points, degree) or .uniform(..., closed=True)"
 
 
 class BSplineCurve(AbstractCurve):

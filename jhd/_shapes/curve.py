@@ -26,7 +26,6 @@ from jhd._shapes.foreign import HasVertices, ShapelyGeometry
 from jhd._shapes.homogeneous import affine_image, cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd._shapes.joints import checked, completed, followed, joints, linked, turned
 
-
 SomeCurve = TypeVar("SomeCurve", bound="AbstractCurve")
 
 
