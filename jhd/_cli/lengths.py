@@ -46,7 +46,7 @@ def rounded_diagonal(*shapes: Any) -> float:
         ValueError: the dimensions of the shapes differ.
     """
     # Help names lengths before the package is imported.
-    from jhd._distance.search.dispatch import diagonal_of
+    from jhd._distance.search.bodies import diagonal_of
     from jhd._shapes.checks import check_same_dim
 
     for shape in shapes[1:]:

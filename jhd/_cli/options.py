@@ -12,13 +12,12 @@ import numpy as np
 import jhd
 from jhd._distance.normalization.method import AbstractHausdorffMethod
 from jhd._distance.project_methods import AbstractProjectionMethod
-from jhd._distance.search.points import is_points
+from jhd._distance.search.bodies import body_of
 from jhd._io.clouds import load_points, rows_in
 from jhd._io.errors import read_text
 from jhd._io.load import SHAPE_SUFFIXES
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.implicit import ImplicitSurface
-from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.polynomial_text import read as read_polynomial
 from jhd.io import load_shape
 
@@ -103,10 +102,7 @@ def check_writable(file: str | None, *suffixes: str) -> None:
 
 def kind_of(shape: Any) -> str:
     """The kind of a shape in words."""
-    if is_points(shape):
-        return "set of points"
-    kinds = {AbstractCurve: "curve", TriangleMesh: "mesh", ImplicitSurface: "implicit surface"}
-    return next((name for kind, name in kinds.items() if isinstance(shape, kind)), "parametric surface")
+    return body_of(shape).name
 
 
 def curve_of(name: str, text: str) -> AbstractCurve:

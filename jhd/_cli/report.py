@@ -14,7 +14,7 @@ import numpy as np
 from jhd import plot
 from jhd._cli.lengths import share_text
 from jhd._distance.deviation_solution import Deviation
-from jhd._distance.search.points import is_points
+from jhd._distance.search.bodies import body_of
 from jhd._plot.pages import check_pages_in_space, page_of_figure
 from jhd._results.solution import RESULTS, Decision, HausdorffSolution, MinimumSolution, name_of
 from jhd._runtime.decimals import interval_text, lower_text, upper_text
@@ -86,7 +86,7 @@ def deviation_text(found: Deviation, threshold: float | None, quantile: float | 
     lengths = len(rows)
     if threshold is not None:
         rows[f"fraction within {threshold!r}"] = found.fraction_within(threshold)
-    kind = "points" if is_points(found.a) else "length" if isinstance(found.a, AbstractCurve) else "area"
+    kind = ("points", "length", "area")[body_of(found.a).dimension or 0]
     rows[f"{kind} of A"] = found.size
     width = max(map(len, rows))
     ends = [(lower_text(known.lower), upper_text(known.upper)) for known in rows.values()]

@@ -13,14 +13,13 @@ from jhd._distance.cells.arc_length_area import FlatCells
 from jhd._distance.cells.weighted import exact_sum
 from jhd._distance.deviation_solution import Bounds, Deviation, DistanceSamples, UndifferentiatedBounds, check_share
 from jhd._distance.hausdorff import directed_hausdorff
-from jhd._distance.nearest.target import curve_in_space
 from jhd._distance.normalization.coordinates import Frame, user_length
+from jhd._distance.search.bodies import body_of
+from jhd._distance.search.body import AbstractBody, Together, dtype_of, joint_diagonal, together
 from jhd._distance.search.branch_and_bound import BranchAndBound, limited
-from jhd._distance.search.dispatch import Together, diagonal_of, dtype_of, heights_of, target_in, together
 from jhd._distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
-from jhd._distance.search.points import is_points
 from jhd._distance.search.search import Limited, Listener, drive
-from jhd._distance.search.weighted_cells import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
+from jhd._distance.search.weighted_cells import AbstractMeasured
 from jhd._results.solution import (
     RESULTS,
     HausdorffSolution,
@@ -31,10 +30,6 @@ from jhd._results.unproven import relative_tolerance
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array, taken, undifferentiated
 from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.checks import Numbers, check_same_dim
-from jhd._shapes.curve import BezierSegments
-from jhd._shapes.implicit import ImplicitSurface
-from jhd._shapes.mesh import TriangleMesh
-from jhd._shapes.patch import AbstractPatch
 from jhd._shapes.prepared import working
 from jhd.progress import Callback
 
@@ -155,10 +150,11 @@ def check_kinds(a: Any, b: Any, directed: bool = True) -> None:
     for name, shape in (("a", a), ("b", b)):
         check_shape(name, shape)
     for name, shape in (("a", a),) if directed else (("a", a), ("b", b)):
-        if isinstance(shape, ImplicitSurface):
+        body = body_of(shape)
+        if body.dimension is None:
             refused = "an ImplicitSurface, whose area is not certified; pass a mesh or a parametric surface."
             raise TypeError(f"{name} is {refused}")
-        if isinstance(shape, AbstractPatch) and min(shape.patches().degrees) == 0:
+        if body.lacks_area():
             raise ValueError(f"{name} has no area, so averages are undefined; a patch of degree zero is a curve.")
     check_same_dim(a.dim, b.dim)
 
@@ -176,7 +172,7 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     check_scalar("atol", given)
     check_scalar("rtol", relative)
     if given is None:
-        size = diagonal_of(*(in_space(shape) for shape in (a, b)))
+        size = joint_diagonal(in_space(a), in_space(b))
         given = _SHARE * min(size, np.finfo(np.asarray(size).dtype).max)
     return float(given), float(relative)
 
@@ -185,7 +181,7 @@ def checked_weights(a: Any, weights: Any) -> Any:
     """Return the weights of the points of a, checked: finite, none negative, some positive; None for None."""
     if weights is None:
         return None
-    if not is_points(a):
+    if body_of(a).dimension != 0:
         raise TypeError(f"weights need a point set; a is {type(a).__name__}: leave weights out.")
     rows, count = real_array("weights", weights), a.segments().count
     known = undifferentiated(rows)
@@ -197,10 +193,9 @@ def checked_weights(a: Any, weights: Any) -> Any:
     return rows if is_traced(rows) else known
 
 
-def in_space(shape: Any) -> Any:
-    """Return a shape as searches take it: nothing traced, and plane shapes at height zero."""
-    shape = working(undifferentiated(shape))
-    return curve_in_space(shape) if isinstance(shape, BezierSegments) else shape
+def in_space(shape: Any) -> AbstractBody:
+    """Return the body of a shape as searches take it: nothing traced, and plane shapes at height zero."""
+    return body_of(body_of(working(undifferentiated(shape))).in_space())
 
 
 def _distributed(
@@ -215,9 +210,9 @@ def _distributed(
     a, b = in_space(a), in_space(b)
     pair = together(a, b)
     frame, moved = pair.frame, pair.moved
-    source = measured_in(a, pair.a, moved, _moderate(counts))
-    target, size = target_in(b, pair.b)
-    dtype = dtype_of(a)
+    source = a.measured(pair.a, moved, _moderate(counts))
+    target, size = b.target_in(pair.b)
+    dtype = dtype_of(a.shape)
     # Smaller gaps cannot be resolved: bounds err by some hundred roundings to both sides.
     floor = 8 * moved + _ROUNDINGS * float(np.finfo(dtype).eps) * (1 + size)
     atol = max(float(frame.common(np.asarray(asked.atol))), floor)
@@ -229,7 +224,7 @@ def _distributed(
     limits = most, allowed, asked.max_cells, _MAX_STEPS, asked.quantile
     listener = Listener(progress, frame, "mean")
     ends = listener.is_over if isinstance(progress, Limited) else None
-    search = DistributionSearch(source, target, dtype, *limits, heights_of(a, b, pair, target), ends)
+    search = DistributionSearch(source, target, dtype, *limits, a.heights(b, pair, target), ends)
     # After an interruption of the search for the maximum, no further search runs.
     listener.late = name_of(maximum.result) == "out_of_time"
     listener.interrupted = listener.late or name_of(maximum.result) == "interrupted"
@@ -263,15 +258,6 @@ def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
         cells, _ = source.cut(cells.take(largest), taken(flat, largest))
         flat = source.flat(cells)
     return bool(np.any(flat.lower > 0))
-
-
-def measured_in(shape: Any, moved: Any, off: float, counts: np.ndarray | None) -> AbstractMeasured:
-    """Return a shape as cells with measures: from its common coordinates, their error, and the weights of points."""
-    if is_points(shape):
-        return MeasuredPoints(moved, off, counts)
-    if isinstance(shape, TriangleMesh):
-        return MeasuredMesh(moved[np.asarray(shape.triangles)], off)
-    return MeasuredNet(moved, off)
 
 
 def _in_units(

@@ -1,23 +1,21 @@
 """Results of `deviation`: statistics of the distance to one shape over another, with their bounds."""
 
 import numbers
-from typing import Any, NamedTuple, SupportsFloat
+from typing import NamedTuple, SupportsFloat
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from typing_extensions import override
 
 from jhd._distance.cells.weighted import Values, Weights, quantile_bounds, share_bounds
 from jhd._distance.project import project
-from jhd._distance.search.points import is_points
+from jhd._distance.search.bodies import body_of
 from jhd._results.batches import AbstractSolution
 from jhd._results.solution import RESULTS, Bounds, HausdorffSolution, Projection, name_of, to_plain
-from jhd._runtime.arrays import real_array
 from jhd._shapes.as_shape import Shape
 from jhd._shapes.checks import Numbers
-from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.foreign import PolyData, Trimesh
 from jhd._shapes.mesh import TriangleMesh
 
@@ -139,7 +137,7 @@ class Deviation(AbstractSolution):
         Raises:
             ValueError: `params` is missing for a curve or surface, is given for points or a mesh, or has a wrong shape.
         """
-        return project(_points_at(self.a, params), self.b, throw=False)
+        return project(body_of(self.a).at(params), self.b, throw=False)
 
     def reached(self, quantile: float | None = None) -> dict[str, Bounds]:
         """The bounds of mean, root mean square and maximum, and of a quantile if one is given.
@@ -221,18 +219,3 @@ def check_share(name: str, q: float) -> None:
 
 def _is_number(x: object) -> bool:
     return isinstance(x, numbers.Real) or (isinstance(x, np.ndarray | jax.Array) and x.ndim == 0)
-
-
-def _points_at(shape: Any, params: Any) -> Array:
-    if isinstance(shape, TriangleMesh) or is_points(shape):
-        if params is not None:
-            raise ValueError("params is for curves and surfaces; leave it out for meshes (vertices) and points.")
-        return shape.vertices if isinstance(shape, TriangleMesh) else shape.segments().control_points[:, 0]
-    if params is None:
-        raise ValueError("params is missing: pass the parameters of the curve or surface at which to measure.")
-    rows = real_array("params", params)
-    if isinstance(shape, AbstractCurve):
-        return shape(rows)
-    if rows.ndim == 0 or rows.shape[-1] != 2:
-        raise ValueError(f"params has shape {rows.shape}; needs (..., 2), the two parameters of a surface.")
-    return shape(rows[..., 0], rows[..., 1])

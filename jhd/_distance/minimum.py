@@ -9,25 +9,23 @@ import numpy as np
 from jhd._arithmetic.rounding import smallest_normal
 from jhd._distance.decisions import checked_limit, decided
 from jhd._distance.normalization.method import check_serves
-from jhd._distance.normalization.nets import net_of
 from jhd._distance.normalization.stopping import default_tolerance
 from jhd._distance.project import project
 from jhd._distance.published.voxel_pairs import VoxelPairs
+from jhd._distance.search.bodies import PointBody, body_of, diagonal_of
+from jhd._distance.search.body import AbstractBody
 from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method, limited, sized_by_method
-from jhd._distance.search.closest_triangles import as_mesh, of_meshes
-from jhd._distance.search.dispatch import diagonal_of
+from jhd._distance.search.closest_triangles import of_meshes
 from jhd._distance.search.implicit_minimum import with_surface
 from jhd._distance.search.nets import of_nets
-from jhd._distance.search.points import is_points, nearest_points, point_mesh
+from jhd._distance.search.points import nearest_points
 from jhd._distance.search.search import Threshold
 from jhd._distance.witness.balance import apart
 from jhd._results.solution import RESULTS, Decision, MinimumSolution, throw_unless_successful
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.checks import Numbers, check_same_dim
-from jhd._shapes.curve import AbstractCurve, BezierSegments
-from jhd._shapes.implicit import ImplicitSurface
-from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.curve import BezierSegments
 from jhd._shapes.prepared import working
 from jhd.progress import Callback
 
@@ -170,50 +168,41 @@ def minimum_at_most(
 
 
 def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
-    if is_points(b) and not is_points(a):
+    first, second = body_of(a), body_of(b)
+    if second.dimension == 0 != first.dimension:
         return _turned(_searched(b, a, method, progress))
-    if is_points(a) and not is_tracing(undifferentiated((a, b)), method):
-        return _of_points(a, b, method, progress)
-    if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
-        first, second = as_mesh(a), as_mesh(b)
-        if first is not None and second is not None:
-            return of_meshes(first, second, method, progress)
-    return _of_pieces(a, b, method, progress)
+    if first.dimension == 0 and not is_tracing(undifferentiated((a, b)), method):
+        return _of_points(first, second, method, progress)
+    if 2 in (first.dimension, second.dimension):
+        p, q = first.triangles(), second.triangles()
+        if p is not None and q is not None:
+            return of_meshes(p, q, method, progress)
+    return _of_pieces(first, second, method, progress)
 
 
-def _of_pieces(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
+def _of_pieces(a: AbstractBody, b: AbstractBody, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """Return the minimum distance by searches over pairs of pieces.
 
     Both orders of the shapes use one compiled function.
     """
-    if _order(a) > _order(b):
+    if a.order() > b.order():
         return _turned(_of_pieces(b, a, method, progress))
-    engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
-    return engine(a, b, method, progress)
-
-
-def _order(shape: Any) -> tuple[int, ...]:
-    """Return a sort key of a shape by its kind and sizes."""
-    if isinstance(shape, ImplicitSurface):
-        return (1,)
-    net = net_of(shape)
-    return (0, *net.points.shape[1:3], net.weights is not None, net.points.shape[0])
+    engine = with_surface if a.exact or b.exact else of_nets
+    return engine(a.shape, b.shape, method, progress)
 
 
 def _turned(found: MinimumSolution) -> MinimumSolution:
     return replace(found, point_a=found.point_b, point_b=found.point_a)
 
 
-def _of_points(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
+def _of_points(a: AbstractBody, b: AbstractBody, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """Return the minimum distance of known points; from points and meshes it is a distance of meshes."""
-    large = [is_points(shape) and shape.count > _FEW for shape in (a, b)]
-    first = _thinned(a, b) if large[0] else a
-    if not is_points(b) and not isinstance(b, TriangleMesh):
-        return _nearest_of(first, b, method)
-    second = _thinned(b, first) if large[1] else b
-    p, q = (shape if isinstance(shape, TriangleMesh) else point_mesh(shape) for shape in (first, second))
-    found = of_meshes(p, q, method, progress)
-    return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
+    points = _thinned(a, b)
+    first, second = points.triangles(), None if b.dimension == 1 else _thinned(b, points).triangles()
+    if first is None or second is None:
+        return _nearest_of(points.shape, b.shape, method)
+    found = of_meshes(first, second, method, progress)
+    return replace(found, point_a=found.point_a[: a.shape.dim], point_b=found.point_b[: b.shape.dim])
 
 
 def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolution:
@@ -237,12 +226,17 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
     return replace(solution, value=jnp.where(told, solution.value, undifferentiated(solution.value)))
 
 
-def _thinned(points: Any, shape: Any) -> Any:
-    """Return the points that may be nearest to a shape; for a curve by `project`, without duplicates."""
-    if not isinstance(shape, AbstractCurve) or is_points(shape):
-        return nearest_points(points, working(shape))
-    rows = np.asarray(undifferentiated(points).control_points)[:, 0]
-    found = project(rows, undifferentiated(shape), throw=False)
+def _thinned(points: AbstractBody, other: AbstractBody) -> AbstractBody:
+    """Return the points of a large set that may be nearest to a shape; other shapes and small sets as they are.
+
+    For a curve they are found by `project`, without duplicates.
+    """
+    if points.dimension != 0 or points.shape.count <= _FEW:
+        return points
+    if other.dimension != 1:
+        return PointBody(nearest_points(points.shape, body_of(working(undifferentiated(other.shape))).target()))
+    rows = np.asarray(undifferentiated(points.shape).control_points)[:, 0]
+    found = project(rows, undifferentiated(other.shape), throw=False)
     near = np.flatnonzero(np.asarray(found.lower) <= np.min(np.asarray(found.upper)))
     first = np.unique(rows[near], axis=0, return_index=True)[1]
-    return BezierSegments(points.control_points[near[np.sort(first)]])
+    return PointBody(BezierSegments(points.shape.control_points[near[np.sort(first)]]))

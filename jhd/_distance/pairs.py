@@ -18,7 +18,7 @@ from jhd._distance.cells.surfaces import FEET
 from jhd._distance.normalization.coordinates import Frame, reported
 from jhd._distance.normalization.curves import prepare
 from jhd._distance.normalization.directions import TracedSearch, in_turn, larger, larger_of_forms, scanned
-from jhd._distance.normalization.host_callback import AnswerForm, by_kept_program
+from jhd._distance.normalization.host_callback import AnswerForm, by_kept_program, from_program
 from jhd._distance.normalization.method import (
     AbstractCurveMethod,
     AbstractHausdorffMethod,
@@ -31,17 +31,18 @@ from jhd._distance.published.algebraic import AlgebraicEvents
 from jhd._distance.published.cube_intervals import CubeIntervals, larger_interval
 from jhd._distance.published.trimming import BiarcTrimming
 from jhd._distance.published.two_step import TwoStep
+from jhd._distance.search.bodies import body_of
+from jhd._distance.search.body import dtype_of
 from jhd._distance.search.branch_and_bound import BranchAndBound, default_method, length_of_table, wanted_of
 from jhd._distance.search.candidates import Target
-from jhd._distance.search.dispatch import dtype_of, mixed_directed
 from jhd._distance.search.farthest import CurveSearch, SurfaceSearch
-from jhd._distance.search.points import is_points
+from jhd._distance.search.meshes import mesh_directed
 from jhd._distance.search.search import Listener, Standing, drive
 from jhd._distance.search.solutions import CoveredPair, target
 from jhd._distance.search.surface_candidates import looked_at
 from jhd._distance.witness.derivative import WitnessState, state_of, with_derivatives
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
-from jhd._results.solution import DIRECTIONS, HausdorffSolution, in_direction
+from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd._shapes.as_shape import check_shape, taken_as
@@ -236,7 +237,7 @@ class MixedPair(AbstractPair):
         a, b = self._given[::-1] if turned else self._given
         aim = undifferentiated(aim_at(level, ceiling, dtype_of(a)))
         direction = _direction(turned)
-        return in_direction(mixed_directed(a, b, self._method, aim, self._listener, direction), direction)
+        return in_direction(_mixed_directed(a, b, self._method, aim, self._listener, direction), direction)
 
     @override
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
@@ -276,9 +277,55 @@ def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
     if isinstance(method, CubeIntervals):
         return CubePair
     # Known points among themselves are searched by trees; traced points as curves in one compiled function.
-    if is_points(a) and is_points(b) and isinstance(method, BranchAndBound):
+    if body_of(a).dimension == body_of(b).dimension == 0 and isinstance(method, BranchAndBound):
         return CurvePair if is_tracing(undifferentiated((a, b)), method) else MixedPair
     return next((pair for kind, pair in _ENGINES if isinstance(a, kind) and isinstance(b, kind)), MixedPair)
+
+
+def _mixed_directed(
+    a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
+) -> HausdorffSolution:
+    """The directed distance of two shapes of any kinds, in their own coordinates.
+
+    The value is differentiable in both, twice.
+
+    Args:
+        a: points, BezierSegments, BezierPatches, an ImplicitSurface or a TriangleMesh; in space unless both are points.
+        b: a shape of these kinds.
+        method: the options.
+        aim: range of distances that matter.
+        listener: listener of the call; not under tracing.
+        direction: a member of DIRECTIONS.
+
+    Raises:
+        ValueError: an implicit surface without points in its box (not under tracing).
+    """
+    meshes = body_of(a).meshes_with(body_of(b))
+    if meshes is not None:
+        found = mesh_directed(*undifferentiated(meshes), method, aim, listener, direction)
+        return with_place_derivatives(found, *meshes)
+    found = _directed(*undifferentiated((a, b)), method, aim, listener, direction)
+    return with_place_derivatives(found, a, b)
+
+
+def _directed(
+    a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
+) -> HausdorffSolution:
+    # Inside jit all operations are traced, also on known numbers.
+    if not is_tracing(a, b, method, aim):
+        return drive(body_of(a).search(body_of(b), method, aim), listener, direction)
+    refused = body_of(a).form(body_of(b)).refused
+
+    def search(shapes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
+        first, second = map(body_of, shapes)
+        if not (first.is_usable() and second.is_usable()):
+            return refused()
+        try:
+            return drive(first.search(second, method, aim), Listener(), direction)
+        except ValueError:
+            return refused(RESULTS.empty_surface)
+
+    return from_program(search, refused, (a, b), method, aim)
 
 
 @compiled

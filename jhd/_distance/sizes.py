@@ -4,18 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from jhd._distance.deviation import in_space, measured_in, user_measure
+from jhd._distance.deviation import in_space, user_measure
 from jhd._distance.deviation_solution import Bounds
-from jhd._distance.search.dispatch import diagonal_of, together
-from jhd._distance.search.points import is_points
+from jhd._distance.search.bodies import body_of
+from jhd._distance.search.body import joint_diagonal, together
 from jhd._results.unproven import NotProvenError
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, joined, real_array
 from jhd._runtime.decimals import interval_text
-from jhd._shapes.as_shape import ShapeLike, taken_as
+from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.checks import Numbers
-from jhd._shapes.curve import AbstractCurve
-from jhd._shapes.mesh import TriangleMesh
-from jhd._shapes.patch import AbstractPatch
 
 # Fraction of the gap that the cells which are cut leave.
 _LEFT = 0.2
@@ -56,7 +53,8 @@ def arc_length(
         NotProvenError: `max_cells` were not enough, and `throw` is True. The exception carries the bounds reached.
     """
     curve = taken_as("curve", curve)
-    if not isinstance(curve, AbstractCurve) or is_points(curve):
+    check_shape("curve", curve)
+    if body_of(curve).dimension != 1:
         raise TypeError(f"curve is a {type(curve).__name__}; needs a curve with a length.")
     return _closed(curve, rtol, atol, max_cells, throw)
 
@@ -95,9 +93,10 @@ def surface_area(
         NotProvenError: `max_cells` were not enough, and `throw` is True. The exception carries the bounds reached.
     """
     surface = taken_as("surface", surface)
-    if not isinstance(surface, TriangleMesh | AbstractPatch):
+    check_shape("surface", surface)
+    if body_of(surface).dimension != 2:
         raise TypeError(f"surface is a {type(surface).__name__}; needs a mesh or a parametric surface.")
-    if isinstance(surface, AbstractPatch) and min(surface.patches().degrees) == 0:
+    if body_of(surface).lacks_area():
         return Bounds(0.0, 0.0)
     return _closed(surface, rtol, atol, max_cells, throw)
 
@@ -110,10 +109,10 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bo
     check_scalar("rtol", relative)
     check_scalar("atol", given)
     check_whole("max_cells", max_cells, 16)
-    relative, shape = float(relative), in_space(shape)
-    pair = together(shape, shape)
-    source = measured_in(shape, pair.a, pair.moved, None)
-    diagonal = float(diagonal_of(shape))
+    relative, body = float(relative), in_space(shape)
+    pair = together(body, body)
+    source = body.measured(pair.a, pair.moved, None)
+    diagonal = joint_diagonal(body)
     if diagonal == 0:  # all control points are one
         return Bounds(0.0, 0.0)
     with np.errstate(over="ignore", under="ignore"):

@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from jhd._distance.normalization.method import AbstractHausdorffMethod
 from jhd._distance.normalization.stopping import default_tolerance
-from jhd._distance.search.dispatch import diagonal_of
+from jhd._distance.search.bodies import diagonal_of
 from jhd._distance.statistics.statistics import AbstractStatistic
 from jhd._fitting.annealing import annealing
 from jhd._fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of

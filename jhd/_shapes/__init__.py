@@ -3,17 +3,14 @@
 How to add a kind of shape. A curve that consists of Bezier segments, or a surface that consists of Bezier patches, is
 one class: a subclass of `AbstractCurve` with `segments()`, or of `AbstractPatch` with `patches()`. All distances,
 derivatives, statistics, certificates and pictures use these segments or patches, so nothing is registered. A ruled
-surface in `tests/shapes/test_new_kind.py` is an example. Any other kind needs these parts, and each function that asks
-for kinds of shapes (`isinstance`) has to know it:
+surface in `tests/shapes/test_new_kind.py` is an example. Any other kind needs these parts:
 
 1. The class in this folder, and its name in `Shape` in `as_shape`. Arrays are fields; `bounds` is a box.
-2. An `AbstractTarget` (`jhd._distance.nearest.target`): nearest points with bounds. `_target` in
-   `jhd._distance.search.targets` returns it in the coordinates of the user, `target_in` in
-   `jhd._distance.search.dispatch` in common coordinates. `project` and distances to the shape use it.
+2. An `AbstractTarget` (`jhd._distance.nearest.target`): nearest points with bounds.
 3. An `AbstractSource` (`jhd._distance.search.sources`): cells that cover the shape, how they are cut, points in them,
-   and an upper bound over each. `_source` in `jhd._distance.search.dispatch` returns it. Distances from the shape use
-   it.
-4. The frame: `_net` and `_common` in `jhd._distance.search.dispatch` move the shape to common coordinates.
+   and an upper bound over each.
+4. A body, a subclass of `AbstractBody` (`jhd._distance.search.body`), registered with `body_of` in
+   `jhd._distance.search.bodies`. It returns the target, the source and the common coordinates.
 5. Derivatives: `_parts_of` in `jhd._distance.witness.mixed_derivatives` selects the numbers that a point depends on,
    and `jhd._distance.witness.balance` holds the equations of a point on each kind.
 6. Statistics over the shape: `net_of` in `jhd._distance.statistics.quadrature`. Smallest distances: `_searched` in

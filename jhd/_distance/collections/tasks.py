@@ -21,8 +21,8 @@ from jhd._distance.collections.shapes import Collection
 from jhd._distance.hausdorff import hausdorff
 from jhd._distance.normalization.method import AbstractHausdorffMethod
 from jhd._distance.pairs import pair_of
+from jhd._distance.search.bodies import body_of
 from jhd._distance.search.branch_and_bound import BranchAndBound
-from jhd._distance.search.points import is_points
 from jhd._results.solution import HausdorffSolution
 from jhd._shapes.curve import BezierSegments
 
@@ -160,7 +160,7 @@ def _tasks(
 def _kind(a: Any, b: Any, method: Any) -> Any:
     """Return the kind of the blocks in which a pair is measured; None if it is measured alone."""
     curves = isinstance(a, BezierSegments) and isinstance(b, BezierSegments)
-    if not curves or not isinstance(method, BranchAndBound) or (is_points(a) and is_points(b)):
+    if not curves or not isinstance(method, BranchAndBound) or body_of(a).dimension == body_of(b).dimension == 0:
         return None
     return kind_of(a, b)
 

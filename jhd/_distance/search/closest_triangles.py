@@ -30,26 +30,10 @@ from jhd._distance.search.search import AbstractSearch, Listener, Standing, driv
 from jhd._distance.search.tree_pairs import MeshBoxes, PairSearch, in_one_unit, mesh_boxes, stored_corners
 from jhd._results.solution import RESULTS, MinimumSolution
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
-from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.prepared import prepared
 from jhd._triangles.closest_point import outward
 from jhd.progress import Callback
-
-
-def as_mesh(shape: Any) -> TriangleMesh | None:
-    """Return a shape as a mesh of triangles, degenerate for points and segments; None for other shapes."""
-    if isinstance(shape, TriangleMesh):
-        return shape
-    if not isinstance(shape, AbstractCurve):
-        return None
-    points = shape.segments().control_points
-    count, order, dim = points.shape
-    if order > 2 or dim != 3:
-        return None
-    # Weights move points along their segment, and do not change it.
-    corners = np.arange(count * order).reshape(count, order)[:, [0, -1, -1]]
-    return TriangleMesh(points.reshape(-1, 3), corners)
 
 
 def of_meshes(a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:

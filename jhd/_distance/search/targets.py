@@ -1,4 +1,4 @@
-"""Targets of all shapes except curves, and nearest points of surfaces as functions of the query and the surface."""
+"""Nearest points of surfaces as functions of the query and the surface."""
 
 from typing import Any
 
@@ -8,21 +8,15 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._distance.nearest.meshes import checked_points
-from jhd._distance.nearest.target import AbstractTarget, MeshTarget, PointTarget, ProvenFeet
+from jhd._distance.nearest.target import ProvenFeet
 from jhd._distance.normalization.host_callback import from_host
-from jhd._distance.normalization.net_jets import Net
-from jhd._distance.normalization.nets import net_of
-from jhd._distance.search.on_patches import NetTarget
-from jhd._distance.search.on_surfaces import SurfaceTarget
-from jhd._distance.witness.surface_projection import with_patch_derivatives, with_surface_derivatives
+from jhd._distance.search.bodies import body_of, target_of
 from jhd._results.solution import RESULTS, Projection
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
-from jhd._shapes.checks import Numbers, largest_weight_ratio
-from jhd._shapes.curve import BezierSegments
+from jhd._shapes.checks import Numbers
 from jhd._shapes.implicit import ImplicitSurface
-from jhd._shapes.mesh import TriangleMesh
-from jhd._shapes.patch import AbstractPatch, BezierPatches
-from jhd._shapes.prepared import prepared, working
+from jhd._shapes.patch import AbstractPatch
+from jhd._shapes.prepared import working
 
 # How an answer from the host ended.
 _ENDS = (
@@ -32,27 +26,6 @@ _ENDS = (
     RESULTS.nonfinite_value,
     RESULTS.empty_surface,
 )
-
-
-def target_of(shape: Any) -> AbstractTarget:
-    """Return the target of a shape whose numbers are known, stored with the shape; see `jhd.prepare`.
-
-    Raises:
-        ValueError: an implicit surface without points in its box.
-    """
-    return prepared(shape)._part(_target)
-
-
-def _target(shape: Any) -> AbstractTarget:
-    if isinstance(shape, TriangleMesh):
-        return MeshTarget(shape)
-    if isinstance(shape, AbstractPatch):
-        return NetTarget(net_of(shape))
-    if isinstance(shape, ImplicitSurface):
-        return SurfaceTarget(shape)
-    if isinstance(shape, BezierSegments):
-        return PointTarget(shape) if shape.degree == 0 else NetTarget(net_of(shape))
-    raise TypeError(f"no target for {type(shape).__name__}.")
 
 
 def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) -> Projection:
@@ -78,9 +51,7 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
 def _with_derivatives(found: Projection, points: Array, surface: Any) -> Projection:
     if not is_traced(points, surface):
         return found
-    if isinstance(surface, BezierPatches):
-        return with_patch_derivatives(found, points, Net(surface.control_points, surface.weights))
-    return with_surface_derivatives(found, points, surface)
+    return body_of(surface).with_foot_derivatives(found, points)
 
 
 def proven_with_derivatives(found: Any, points: Array, shape: AbstractPatch | ImplicitSurface) -> Array:
@@ -95,7 +66,7 @@ def _traced(points: Array, surface: Any) -> Projection:
     numbers = jax.ShapeDtypeStruct((count,), dtype)
     wide = lambda *n: jax.ShapeDtypeStruct((count, *n), dtype)  # noqa: E731
     whole = jax.ShapeDtypeStruct((count,), jnp.int32)
-    t = wide(2) if isinstance(surface, BezierPatches) else wide()
+    t = wide(*body_of(surface).parameters)
     like = (numbers, numbers, numbers, wide(3), whole, t, whole)
     return _projection(*from_host(_answer, like, points, surface, rows=True))
 
@@ -116,7 +87,8 @@ def _answer(points: np.ndarray, surface: Any) -> tuple[np.ndarray, ...]:
     """Return the fields of a projection, and a number for the result of each query."""
     count, dtype = len(points), points.dtype
     nothing, end = np.zeros(count, dtype), np.full(count, 3)
-    t = np.zeros((count, 2), dtype) if isinstance(surface, BezierPatches) else np.full(count, np.nan, dtype)
+    sizes = body_of(surface).parameters
+    t = np.full((count, *sizes), 0.0 if sizes else np.nan, dtype)
     unknown = (nothing + np.inf, nothing, nothing + np.inf, np.full((count, 3), np.nan, dtype), np.full(count, -1), t)
     if not usable(surface):
         return *unknown, end
@@ -133,12 +105,4 @@ def _answer(points: np.ndarray, surface: Any) -> tuple[np.ndarray, ...]:
 
 def usable(surface: Any) -> bool:
     """Return whether the numbers of a shape are valid."""
-    leaves = [np.asarray(x) for x in jax.tree_util.tree_leaves(surface)]
-    if not all(np.all(np.isfinite(x)) for x in leaves):
-        return False
-    if isinstance(surface, ImplicitSurface):
-        return bool(np.any(leaves[0] != 0) and np.all(np.asarray(surface.lower) < np.asarray(surface.upper)))
-    if isinstance(surface, TriangleMesh) or surface.weights is None:
-        return True
-    least, most = (float(f(np.asarray(surface.weights))) for f in (np.min, np.max))
-    return least > 0 and most / largest_weight_ratio(np.asarray(surface.weights).dtype) <= least
+    return body_of(surface).is_usable()

@@ -10,8 +10,8 @@ from jhd._arithmetic.rounding import smallest_normal
 from jhd._arithmetic.scaling import common_exponent, scale_of
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.project import project
-from jhd._distance.search.dispatch import dtype_of
-from jhd._distance.search.points import is_points
+from jhd._distance.search.bodies import body_of
+from jhd._distance.search.body import dtype_of
 from jhd._distance.statistics.pointwise import Sight, told_from_zero
 from jhd._distance.statistics.quadrature import along, net_of, nodes_of, resolved
 from jhd._distance.statistics.surface_quadrature import resolved_on_surface
@@ -39,7 +39,7 @@ class Along(NamedTuple):
 def distances_along(a: Any, b: Any, weights: Any, nodes: int | None) -> tuple[float, Along]:
     """Return distances at points along a, times a power of two so that squares are normal numbers, and this power."""
     scale = common_scale(a, b)
-    if is_points(a):
+    if body_of(a).dimension == 0:
         points = a.segments().control_points[:, 0]
         counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(undifferentiated(weights)))
         found = project(points, b, throw=False)

@@ -20,23 +20,17 @@ from jhd._distance.nearest.target import AbstractTarget, ProvenFeet
 from jhd._distance.normalization.net_jets import Net, part_of
 from jhd._distance.normalization.nets import net_of
 from jhd._distance.project import project
+from jhd._distance.search.bodies import body_of
 from jhd._distance.search.on_patches import NetTarget
-from jhd._distance.search.points import is_points
-from jhd._distance.search.targets import proven_with_derivatives, target_of
+from jhd._distance.search.targets import proven_with_derivatives
 from jhd._distance.statistics.quadrature import Nodes, known_along
 from jhd._results.solution import Projection
 from jhd._runtime.arrays import undifferentiated
 from jhd._runtime.compiled import compiled
-from jhd._shapes.curve import AbstractCurve
-from jhd._shapes.implicit import ImplicitSurface
-from jhd._shapes.mesh import TriangleMesh
-from jhd._shapes.patch import AbstractPatch
+from jhd._shapes.prepared import working
 
 # Bounds may differ by this fraction of the size; the pieces of a surface are cut into about this many parts in all.
 _CLOSE, _PARTS = 2.0**-27, 64
-# Largest number of evaluated points: on surfaces a point may take a tenth of a millisecond, on curves less, and
-# elsewhere some microseconds.
-_MOST, _MOST_ON_CURVES, _MOST_ON_SURFACES = 1 << 18, 1 << 16, 1 << 15
 # A distance up to this, in units of roundoff of coordinates of at most one, is not told from zero without a proof.
 _NOTHING = 256
 # Factor for derivatives that are to be confirmed: they jump where feet jump, but the distance does not.
@@ -74,18 +68,16 @@ class Sight:
 
     def __init__(self, b: Any, scale: float, derived: bool):
         self.b, self.scale = undifferentiated(b), scale
-        self._cuts = 1
         self._target: AbstractTarget | None = None
-        if isinstance(b, AbstractPatch):
-            net = net_of(self.b)
-            self._cuts = max(1, round((_PARTS / len(net.points)) ** 0.5))
-            self._target = NetTarget(_cut(net, self._cuts))
-        elif is_points(b) or not isinstance(b, AbstractCurve):
-            self._target = target_of(self.b.segments() if is_points(b) else self.b)
+        self._body = body_of(working(self.b))
+        self._cuts = self._body.cuts(_PARTS)
+        if self._cuts > 1:
+            self._target = NetTarget(_cut(net_of(self.b), self._cuts))
+        elif self._body.dimension != 1:
+            self._target = self._body.target()
         low, high = (np.asarray(end) for end in self.b.bounds)
         self._close = _CLOSE * float(np.max(high - low))
-        few = _MOST_ON_SURFACES if isinstance(b, AbstractPatch | ImplicitSurface) else _MOST_ON_CURVES
-        self.most = (_MOST if is_points(b) or isinstance(b, TriangleMesh) else few) * (_PATIENCE if derived else 1)
+        self.most = self._body.most_points * (_PATIENCE if derived else 1)
 
     def feet(self, points: np.ndarray) -> ProvenFeet | Projection:
         """Return the nearest feet of points, in the unit of b."""
@@ -127,30 +119,21 @@ class Sight:
         length = np.linalg.norm(apart, axis=1, keepdims=True)
         normal = apart / np.where(length > 0, length, 1.0)
         slope = np.sum(first * normal[:, None], axis=2)
-        label = np.where(distance > 0, self._labels(found), _NO_PART)
+        parts = self._body.smooth_parts(
+            np.asarray(found.foot), np.asarray(found.segment, np.int64), np.asarray(found.t)
+        )
+        label = np.where(distance > 0, parts, _NO_PART)
         return Seen(distance, normal, slope, density, label)
-
-    def _labels(self, found: Any) -> np.ndarray:
-        """Return labels: vertex, edge or face of a mesh; inside, side or corner of a piece; faces of a box."""
-        foot, segment, t = (np.asarray(x) for x in (found.foot, found.segment, found.t))
-        segment = segment.astype(np.int64)
-        if isinstance(self.b, TriangleMesh):
-            held = np.sort(np.where(t > 0, np.asarray(self.b.triangles, np.int64)[segment] + 1, 0), axis=1)
-            return held @ (len(self.b.vertices) + 1) ** np.arange(3, dtype=np.int64)
-        low, high = self.b.bounds if isinstance(self.b, ImplicitSurface) else (0.0, 1.0)
-        at = foot if isinstance(self.b, ImplicitSurface) else t.reshape(len(t), -1)
-        ends = (at <= np.asarray(low)) + 2 * (at >= np.asarray(high))
-        return 27 * segment + ends @ 3 ** np.arange(ends.shape[1])
 
     def moving(self, points: Array, b: Any) -> Array:
         """Return distances of points to b, differentiable in both."""
         own = points / self.scale
-        if isinstance(b, AbstractPatch | ImplicitSurface):
-            found = self.feet(np.asarray(undifferentiated(own)))
-            distance = proven_with_derivatives(found, own, b)
-        else:
+        if self._target is None:
             found = project(own, b, throw=False)
             distance = found.distance
+        else:
+            found = self.feet(np.asarray(undifferentiated(own)))
+            distance = proven_with_derivatives(found, own, b)
         return jnp.where(told_from_zero(found, self.scale), distance * self.scale, 0.0)
 
 

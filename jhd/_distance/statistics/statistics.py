@@ -24,9 +24,9 @@ from jhd._distance.deviation_solution import Deviation, check_share
 from jhd._distance.hausdorff import directed_hausdorff
 from jhd._distance.normalization.custom_derivatives import carrying
 from jhd._distance.normalization.host_callback import answer_in_program
+from jhd._distance.search.bodies import body_of
+from jhd._distance.search.body import dtype_of
 from jhd._distance.search.branch_and_bound import BranchAndBound
-from jhd._distance.search.dispatch import dtype_of
-from jhd._distance.search.points import is_points
 from jhd._distance.statistics.distances_along import check_size, common_scale, distances_along, scaled_net
 from jhd._distance.statistics.error_control import Estimated
 from jhd._distance.statistics.pointwise import Sight
@@ -39,7 +39,6 @@ from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated, whole
 from jhd._runtime.decimals import interval_text
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers, optional_array
-from jhd._shapes.curve import AbstractCurve
 from jhd._triangles.closest_point import outward
 
 # Newton's steps for the level of a quantile if the number of nodes is given.
@@ -320,11 +319,12 @@ class QuantileDistance(AbstractStatistic):
     def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
         if self.q == 1 and weights is None:
             return Estimated(directed_hausdorff(a, b, throw=False).value, 0.0)
-        found = None if is_points(a) else self._level(a, b, nodes)
+        dimension = body_of(a).dimension
+        found = None if dimension == 0 else self._level(a, b, nodes)
         if found is not None:
             return found
         scale, at = distances_along(a, b, weights, nodes)
-        if is_points(a):
+        if dimension == 0:
             # The weights as they were given, whose sums are exact.
             counts = at.weight if weights is None else weights
             return Estimated(at.distance[quantile_of(at.distance, counts, self.q)[0]] / scale, 0.0)
@@ -333,7 +333,7 @@ class QuantileDistance(AbstractStatistic):
 
     def _level(self, a: Any, b: Any, nodes: int | None) -> Estimated | None:
         """Return the quantile by the points where the distance crosses it; None if these do not determine it."""
-        if not isinstance(a, AbstractCurve) and nodes is not None:
+        if body_of(a).dimension != 1 and nodes is not None:
             return None
         scale = common_scale(a, b)
         sight, steps = Sight(b, scale, is_traced(a, b)), None if nodes is None else _FEW_STEPS

@@ -33,8 +33,11 @@ def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) 
     """
     queries = checked_points(points)
     found = nearest_on_mesh(queries, mesh, method)
-    if not is_traced(queries, mesh):
-        return found
+    return with_mesh_derivatives(found, queries, mesh) if is_traced(queries, mesh) else found
+
+
+def with_mesh_derivatives(found: Projection, queries: Array, mesh: TriangleMesh) -> Projection:
+    """Return nearest points of a mesh, differentiable in the queries and in the vertices."""
     distance, foot, t = _feet(queries, mesh.vertices[mesh.triangles[found.segment]], found.t > 0)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 

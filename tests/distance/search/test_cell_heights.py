@@ -8,8 +8,8 @@ import pytest
 
 import jhd
 from jhd._distance.cells.mean_bounds import NEAR, distances_over
-from jhd._distance.deviation import in_space, measured_in
-from jhd._distance.search.dispatch import heights_of, target_in, together
+from jhd._distance.deviation import in_space
+from jhd._distance.search.body import together
 from tests.distance.test_families import torus
 from tests.sweeps import swept
 
@@ -102,10 +102,10 @@ def nodes(shape: Any, moved: Any, cells: Any, count: int) -> tuple[np.ndarray, n
 def test_bounds_hold_beside_shapes_of_all_kinds(kind, source):
     random = np.random.default_rng(100 * len(kind) + len(source))
     b = in_space(shape(random, kind))
-    a = in_space(beside(random, b, source))
+    a = in_space(beside(random, b.shape, source))
     pair = together(a, b)
-    measured, target = measured_in(a, pair.a, pair.moved, None), target_in(b, pair.b)[0]
-    heights, cells = heights_of(a, b, pair, target), measured.cover()
+    measured, target = a.measured(pair.a, pair.moved, None), b.target_in(pair.b)[0]
+    heights, cells = a.heights(b, pair, target), measured.cover()
     assert heights is not None
     for _ in range(2):
         flat = measured.flat(cells)
@@ -115,7 +115,7 @@ def test_bounds_hold_beside_shapes_of_all_kinds(kind, source):
         even = heights.over(cells, flat, type(found)(*(np.array(x) for x in found)), over.upper)
         sums = []
         for count in (FEW, NODES):
-            points, shares = nodes(a, pair.a, cells, count)
+            points, shares = nodes(a.shape, pair.a, cells, count)
             proven = target.nearest(points.reshape(-1, 3))
             distance = 0.5 * (proven.lower + proven.upper).reshape(points.shape[:2])
             sums.append((distance @ shares, distance**2 @ shares))
@@ -139,10 +139,10 @@ def test_gaps_over_triangles_beside_a_paraboloid_fall_with_the_fourth_power():
         corners = np.array([[0.2, 0.1], [0.2 + size, 0.1], [0.2, 0.1 + size]])
         corners = np.column_stack([corners, np.sum(corners**2, axis=1)])
         # The middle part, where the distance is nowhere zero.
-        a = jhd.TriangleMesh(0.5 * (np.sum(corners, axis=0) - corners), [[0, 1, 2]])
+        a = in_space(jhd.TriangleMesh(0.5 * (np.sum(corners, axis=0) - corners), [[0, 1, 2]]))
         pair = together(a, b)
-        measured, target = measured_in(a, pair.a, pair.moved, None), target_in(b, pair.b)[0]
-        heights, cells = heights_of(a, b, pair, target), measured.cover()
+        measured, target = a.measured(pair.a, pair.moved, None), b.target_in(pair.b)[0]
+        heights, cells = a.heights(b, pair, target), measured.cover()
         assert heights is not None
         near = np.full(1, NEAR)
         bounds = partial(heights.over, cells)

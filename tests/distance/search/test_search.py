@@ -7,10 +7,10 @@ import pytest
 import jhd
 from jhd._distance.search import farthest_place
 from jhd._distance.search.closest_triangles import TriangleSearch
-from jhd._distance.search.dispatch import PointSearch
 from jhd._distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd._distance.search.farthest_place import FarthestSearch
 from jhd._distance.search.meshes import MeshSearch
+from jhd._distance.search.points import PointSearch
 from jhd._distance.search.two_phase_minimum import InTurn
 from jhd._results.solution import name_of
 from tests.distance import pairs

@@ -9,7 +9,7 @@ import pytest
 
 import jhd
 from jhd._distance.normalization.implicit_derivatives import TouchedRows, following
-from jhd._distance.search.closest_triangles import as_mesh
+from jhd._distance.search.bodies import body_of
 from jhd._distance.witness import balance
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, MinimumSolution, Witness
@@ -82,7 +82,7 @@ def test_points_beside_a_mesh_are_triangles_that_have_no_coordinates():
 
     def value(s):
         a = jhd.TriangleMesh(corners + s * speeds[0], [[0, 1, 2]])
-        return with_place_derivatives(found, a, as_mesh(jhd.point_set((point + s * speeds[1])[None]))).value
+        return with_place_derivatives(found, a, body_of(jhd.point_set((point + s * speeds[1])[None])).triangles()).value
 
     apart, speed = corners[1] - point, speeds[0][1] - speeds[1]
     far = np.linalg.norm(apart)
