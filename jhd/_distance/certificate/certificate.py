@@ -218,23 +218,25 @@ def certify(
             longer than `max_seconds`. For implicit surfaces: a bound rests on points without a change of sign, which
             prove nothing.
     """
-    a, b = taken_as("a", a), taken_as("b", b)
-    _check_arguments(a, b, solution, max_cells)
+    first: Shape = taken_as("a", a)
+    second: Shape = taken_as("b", b)
+    _check_arguments(first, second, solution, max_cells)
     report = _reporting(solution, progress, max_seconds)
     if isinstance(solution, MinimumSolution) or (isinstance(solution, Decision) and solution.distance == "minimum"):
         if directed:
             raise ValueError("directed is True, but a minimum distance has no direction: leave directed out.")
-        slack = _checked_slack(slack, a, b, sharp=isinstance(solution, Decision))
-        found = prove_minimum(a, b, solution, slack, max_cells, report)
+        slack = _checked_slack(slack, first, second, sharp=isinstance(solution, Decision))
+        found = prove_minimum(first, second, solution, slack, max_cells, report)
     else:
-        curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
-        slack = _checked_slack(slack, a, b, sharp=curves or isinstance(solution, Decision))
+        curves = isinstance(first, AbstractCurve) and isinstance(second, AbstractCurve)
+        slack = _checked_slack(slack, first, second, sharp=curves or isinstance(solution, Decision))
         asked = asked_of(solution, directed, slack)
-        cells, witness = prove_largest(a, b, asked, max_cells, report)
+        cells, witness = prove_largest(first, second, asked, max_cells, report)
         upper = asked.upper if math.isfinite(asked.upper) else None
         claim = {"kind": asked.kind, "lower": asked.lower, "upper": upper}
         found = {"claim": claim, "orders": None, "cells": cells, "witness": witness}
-    return Certificate({"format": FORMAT, "version": VERSION, "a": plain_shape(a), "b": plain_shape(b), **found})
+    shapes = {"a": plain_shape(first), "b": plain_shape(second)}
+    return Certificate({"format": FORMAT, "version": VERSION, **shapes, **found})
 
 
 def _check_arguments(a: object, b: object, solution: object, max_cells: object) -> None:
@@ -260,7 +262,7 @@ def _check_degrees(name: str, surface: ImplicitSurface) -> None:
         raise ValueError(f"{name} has degrees {surface.degrees}; certificates go up to {most}.")
 
 
-def _checked_slack(slack: object, a: Any, b: Any, sharp: bool) -> float:
+def _checked_slack(slack: object, a: Shape, b: Shape, sharp: bool) -> float:
     if slack is None:
         return 0.0 if sharp else default_atol(a, b)
     if isinstance(slack, bool) or not isinstance(slack, int | float | np.number) or not 0 <= float(slack) < math.inf:

@@ -17,20 +17,21 @@ Every proof is checked exactly.
 Source: Gilbert, An iterative procedure for computing the minimum of a quadratic form on a convex set (1966).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
-from typing import Any, NamedTuple, cast
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from typing_extensions import override
 
+from jhd._distance.certificate.cutting import Entry, Report, UncoveredError, one_by_one, prove_all
 from jhd._distance.certificate.pair_multipliers import pair_multipliers
-from jhd._distance.certificate.sides import ShapeSide
-from jhd._distance.certificate.subdivision import UncoveredError
-from jhd._distance.certificate.surface_side import SurfaceSide
+from jhd._distance.certificate.sides import AbstractPieces
 from jhd._distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, whole_box
 from jhd._distance.certificate.verification.pieces import ExactPiece
 from jhd._distance.certificate.verification.surface_proofs import failure_of_pair
-from jhd._distance.certificate.verification.zeros import is_free
+from jhd._distance.certificate.verification.zeros import ZeroSet
 
 # Points that tell how long a part is.
 _SAMPLES = 5
@@ -44,20 +45,24 @@ _SURELY = 1e-14
 _PARTS = 200
 # How much longer a range of pieces counts next to an implicit surface: multipliers are for single pieces.
 _RANGES_FIRST = 8.0
-# Pairs between two reports.
-_REPORTED = 100
 
 
-class PointSide(NamedTuple):
-    """A single point in the unit of its coordinates: in integers, and as a hull (1, 1, dim)."""
+class PointSide(AbstractPieces):
+    """A single point in the unit of its coordinates.
 
-    exact: list[ExactPiece]
-    hulls: np.ndarray
-    exponent: int = 0
+    Args:
+        exact: the point in integers.
+        point: the point in floating point.
+    """
 
-    def scaled(self, points: np.ndarray) -> np.ndarray:
-        """Return points unchanged."""
-        return points
+    cell_corners, exponent = 1, 0
+
+    def __init__(self, exact: ExactPiece, point: np.ndarray):
+        self.exact, self.hulls = [exact], point[None, None]
+
+    @override
+    def points(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return self.hulls[piece, 0]
 
 
 class _SideParts:
@@ -68,17 +73,12 @@ class _SideParts:
         is_ordered: whether the pieces may be put into another order.
     """
 
-    def __init__(self, side: ShapeSide | SurfaceSide | PointSide, is_ordered: bool):
+    def __init__(self, side: AbstractPieces, is_ordered: bool):
         self.side, self._hulls = side, side.hulls
         self.order = first_order(self._hulls.mean(axis=1)) if is_ordered and len(self._hulls) > 1 else None
         if self.order is not None:
             self._hulls = self._hulls[self.order]
         self.exact = Ordered(side.exact, self.order)
-
-    @property
-    def surface(self) -> SurfaceSide | None:
-        """Return the implicit surface, if the shape is one."""
-        return self.side if isinstance(self.side, SurfaceSide) else None
 
     def points(self, part: PartOfShape) -> np.ndarray:
         """Return control points whose hull holds the part."""
@@ -107,7 +107,7 @@ class _SideParts:
             x = np.tile(np.mean(box, axis=1), (_SAMPLES, 1))
             x[:, k] = np.linspace(box[k][0], box[k][1], _SAMPLES)
         piece = part.first if self.order is None else self.order[part.first]
-        points = cast(ShapeSide, self.side).points(np.full(len(x), piece), x)
+        points = self.side.points(np.full(len(x), piece), x)
         return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=-1)))
 
 
@@ -135,9 +135,14 @@ class _PartPair(NamedTuple):
     bound: float | Fraction
 
     @property
-    def surfaces(self) -> tuple[SurfaceSide | None, SurfaceSide | None]:
-        """The implicit surfaces among both shapes."""
-        return self.shapes[0].surface, self.shapes[1].surface
+    def size(self) -> int:
+        """Number of pairs."""
+        return 1
+
+    @property
+    def zeros(self) -> tuple[ZeroSet | None, ZeroSet | None]:
+        """The polynomials of implicit surfaces."""
+        return self.shapes[0].side.zeros, self.shapes[1].side.zeros
 
     def with_part(self, k: int, letter: str) -> "_PartPair | None":
         """Return the pair with a half instead of the part of a or b; None if the part cannot be cut so."""
@@ -149,14 +154,14 @@ class _PartPair(NamedTuple):
 
 
 def keep_apart(
-    a: ShapeSide | SurfaceSide | PointSide,
-    b: ShapeSide | SurfaceSide | PointSide,
+    a: AbstractPieces,
+    b: AbstractPieces,
     bound: float | Fraction,
     max_cells: int,
-    report: Callable[[int, int], None],
+    report: Report,
     direction: np.ndarray | None = None,
     is_ordered: bool = True,
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+) -> tuple[dict[str, list[int] | None], list[Entry]]:
     """Prove that all pairs of parts of two shapes are `bound` apart; return the orders of the pieces, and the proofs.
 
     Args:
@@ -164,7 +169,7 @@ def keep_apart(
         b: the other shape, with the same exponent.
         bound: the bound to prove, above zero, in the unit of the stored arrays.
         max_cells: largest number of pairs before the attempt is given up.
-        report: called now and then with the numbers of proven and open pairs.
+        report: called after each step with the numbers of proven and open pairs.
         direction: approximate shortest vector from a to b, if known.
         is_ordered: whether the pieces may be put into another order.
 
@@ -172,38 +177,31 @@ def keep_apart(
         UncoveredError: too many or too narrow parts would be needed.
     """
     shapes = _SideParts(a, is_ordered), _SideParts(b, is_ordered)
-    entries: list[dict[str, Any]] = []
-    left = [_PartPair("", shapes, (shapes[0].exact.whole(), shapes[1].exact.whole()), bound)]
-    while left:
-        pair = left.pop()
-        found = _by_freedom(pair) or _by_plane(pair, direction) or _by_zeros(pair)
-        if found is None:
-            left += _halves(pair)
-        else:
-            entries.append({"pair": pair.name, **found})
-        if len(entries) + len(left) > max_cells:
-            raise UncoveredError(f"more than {max_cells} pairs are needed: raise max_cells, or atol.")
-        if len(entries) % _REPORTED == 0:
-            report(len(entries), len(left))
-    report(len(entries), 0)
+    whole = _PartPair("", shapes, (shapes[0].exact.whole(), shapes[1].exact.whole()), bound)
+    entries = prove_all([whole], one_by_one(partial(_proof, direction), _halves), max_cells, report, "pairs")
     return {"a": shapes[0].order, "b": shapes[1].order}, entries
 
 
 # ---- proofs --------------------------------------------------------------------------------------
 
 
-def _by_freedom(pair: _PartPair) -> dict[str, Any] | None:
+def _proof(direction: np.ndarray | None, pair: _PartPair) -> Entry | None:
+    found = _by_freedom(pair) or _by_plane(pair, direction) or _by_zeros(pair)
+    return None if found is None else {"pair": pair.name, **found}
+
+
+def _by_freedom(pair: _PartPair) -> Entry | None:
     for k, (shape, part) in enumerate(zip(pair.shapes, pair.parts, strict=True)):
-        if shape.surface is None or part.last - part.first > 1:
+        if shape.side.zeros is None or part.last - part.first > 1:
             continue
         points = shape.points(part)
-        values = shape.surface.values(np.concatenate([points, 0.5 * (points[:, None] + points).reshape(-1, 3)]))
-        if np.min(values) * np.max(values) > 0 and is_free(shape.surface.zeros, shape.exact.part(part)):
+        samples = np.concatenate([points, 0.5 * (points[:, None] + points).reshape(-1, 3)])
+        if shape.side.is_empty(shape.exact.part(part), samples):
             return {"free": k}
     return None
 
 
-def _by_plane(pair: _PartPair, direction: np.ndarray | None) -> dict[str, Any] | None:
+def _by_plane(pair: _PartPair, direction: np.ndarray | None) -> Entry | None:
     p, q = (shape.points(part) for shape, part in zip(pair.shapes, pair.parts, strict=True))
     limit = float(np.ldexp(float(pair.bound), -pair.shapes[0].side.exponent))
     for normal in (between(p, q),) if direction is None else (direction, between(p, q)):
@@ -232,16 +230,14 @@ def between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return v
 
 
-def _by_zeros(pair: _PartPair) -> dict[str, Any] | None:
-    surfaces = pair.surfaces
-    if surfaces == (None, None) or any(part.last - part.first > 1 for part in pair.parts):
+def _by_zeros(pair: _PartPair) -> Entry | None:
+    if pair.zeros == (None, None) or any(part.last - part.first > 1 for part in pair.parts):
         return None
     parts = pair.shapes[0].exact.part(pair.parts[0]), pair.shapes[1].exact.part(pair.parts[1])
-    numbers = pair_multipliers(parts, surfaces, float(pair.bound))
+    numbers = pair_multipliers(parts, (pair.shapes[0].side, pair.shapes[1].side), float(pair.bound))
     if numbers is None:
         return None
-    zeros = tuple(None if surface is None else surface.zeros for surface in surfaces)
-    failed = failure_of_pair(parts, (zeros[0], zeros[1]), numbers, pair.bound, _PARTS)
+    failed = failure_of_pair(parts, pair.zeros, numbers, pair.bound, _PARTS)
     return {"zeros": numbers} if failed is None else None
 
 
@@ -259,8 +255,8 @@ def _halves(pair: _PartPair) -> list[_PartPair]:
         used = sum(1 for x in pair.name if x.isupper() == (k > 0) and x.lower() not in "xy")
         ways += [(k, letter) for letter in (_letters(shape.exact, part) if used < _MOST_CUTS else [])]
     if not ways:
-        raise UncoveredError(f"the pair {pair.name!r} is not proven to be apart.")
-    first = 1.0 if pair.surfaces == (None, None) else _RANGES_FIRST
+        raise UncoveredError(f"no proof is found for the pair {pair.name!r}: pass a larger slack.")
+    first = 1.0 if pair.zeros == (None, None) else _RANGES_FIRST
 
     def length(way: tuple[int, str]) -> float:
         return pair.shapes[way[0]].length(pair.parts[way[0]], way[1]) * (first if way[1] == "x" else 1.0)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd._distance.certificate.sides import ShapeSide
+from jhd._distance.certificate.shape_side import ShapeSide
 from jhd._distance.nearest.feet import dot, equation_of, foot_speed
 
 # Samples of an interval among which its peak is searched.

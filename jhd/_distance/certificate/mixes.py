@@ -11,20 +11,24 @@ import math
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jhd._distance.certificate.closest_pairs import PointSide, keep_apart
-from jhd._distance.certificate.sides import ShapePlace, ShapeSide, plain_shape
-from jhd._distance.certificate.subdivision import CellCover, UncoveredError, cover_by_cells, far_places
-from jhd._distance.certificate.surface_cover import Side, cover_with_surfaces
+from jhd._distance.certificate.cutting import Entry, UncoveredError
+from jhd._distance.certificate.cutting import Report as PartReport
+from jhd._distance.certificate.shape_side import ShapeSide
+from jhd._distance.certificate.sides import AbstractSide, ShapePlace, plain_shape
+from jhd._distance.certificate.subdivision import CellCover, cover_by_cells, far_places
+from jhd._distance.certificate.surface_cover import cover_with_surfaces
 from jhd._distance.certificate.surface_side import SurfaceSide
 from jhd._distance.certificate.verification.pieces import difference
 from jhd._distance.certificate.verification.proofs import as_piece, failure_at_most, failure_of_witness
 from jhd._distance.certificate.verification.structure import KINDS
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 from jhd._runtime.decimals import lower_text, upper_text
+from jhd._shapes.as_shape import Shape
 from jhd._shapes.implicit import ImplicitSurface
 
 # How much wider than the solution's bounds the proven ones may be by default, as a fraction of the diagonal of the box
@@ -43,13 +47,13 @@ _TURNS = 6
 Report = Callable[[str, int, int], None]
 
 
-def default_atol(a: Any, b: Any) -> float:
+def default_atol(a: Shape, b: Shape) -> float:
     """A billionth of the diagonal of the box of both shapes."""
     low, high = _ends(a, b)
     return _SLACK * float(np.linalg.norm(high - low))
 
 
-def _ends(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
+def _ends(a: Shape, b: Shape) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the box of both shapes."""
     rows = []
     for shape in (a, b):
@@ -63,10 +67,10 @@ def _ends(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
     return both.min(axis=0), both.max(axis=0)
 
 
-def _sides(a: Any, b: Any, hints: np.ndarray) -> dict[str, Side]:
+def _sides(a: Shape, b: Shape, hints: np.ndarray) -> dict[str, AbstractSide]:
     """Return both shapes on the host; if one is an implicit surface, in the unit of their coordinates."""
     if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
-        frame: tuple[int, Any] = 0, 0.0
+        frame: tuple[int, np.ndarray | float] = 0, 0.0
     else:
         low, high = _ends(a, b)
         size = max(float(np.max(0.5 * high - 0.5 * low)), 1e-300)
@@ -106,7 +110,9 @@ def _bounds_of(solution: HausdorffSolution | MinimumSolution | Decision, slack: 
     return max(lower - slack, 0.0), upper + slack
 
 
-def prove_largest(a: Any, b: Any, asked: ToProve, max_cells: int, report: Report) -> tuple[Any, Any]:
+def prove_largest(
+    a: Shape, b: Shape, asked: ToProve, max_cells: int, report: Report
+) -> tuple[dict[str, list[Entry]] | None, Entry | None]:
     """Return the cells of each direction and the pairs of the witness, and the witness; None if no bound needs them.
 
     Raises:
@@ -136,15 +142,15 @@ def _hints(solution: HausdorffSolution | Decision) -> np.ndarray:
     return np.concatenate([np.asarray(witness.point, float)[None], np.asarray(witness.feet, float)])
 
 
-def _covered(source: Side, target: Side, upper: float, max_cells: int, report: Callable[[int, int], None]) -> CellCover:
+def _covered(source: AbstractSide, target: AbstractSide, upper: float, max_cells: int, report: PartReport) -> CellCover:
     if isinstance(source, ShapeSide) and isinstance(target, ShapeSide):
         return cover_by_cells(source, target, upper, max_cells, report)
     return CellCover(cover_with_surfaces(source, target, upper, max_cells, report), [])
 
 
 def _witness(
-    asked: ToProve, sides: dict[str, Side], covers: dict[str, CellCover], max_cells: int, report: Report
-) -> tuple[dict[str, Any], list[dict[str, Any]] | None]:
+    asked: ToProve, sides: dict[str, AbstractSide], covers: dict[str, CellCover], max_cells: int, report: Report
+) -> tuple[Entry, list[Entry] | None]:
     """Return a point that proves the lower bound; if the other shape is a surface, also the pairs of its parts.
 
     Raises:
@@ -156,11 +162,11 @@ def _witness(
             continue
         target, point = sides[direction[-1]], place.near.point
         bound, pairs = Fraction(asked.lower) + place.near.reach, None
-        if isinstance(target, SurfaceSide):
+        if target.zeros is not None:
             here = place.point
             if target.distance(here) < asked.lower * (1 - _CLEARLY):
                 continue
-            mine = PointSide([as_piece(point)], here[None, None])
+            mine = PointSide(as_piece(point), here)
             try:
                 _, pairs = keep_apart(mine, target, bound, max_cells, partial(report, "witness"), is_ordered=False)
             except UncoveredError as error:
@@ -173,7 +179,7 @@ def _witness(
 
 
 def _candidates(
-    asked: ToProve, sides: dict[str, Side], covers: dict[str, CellCover]
+    asked: ToProve, sides: dict[str, AbstractSide], covers: dict[str, CellCover]
 ) -> Iterator[tuple[str, ShapePlace | None]]:
     """Return the witness of the solution, the farthest corners of cells, and points found by a search."""
     if isinstance(asked.solution, HausdorffSolution):
@@ -191,7 +197,7 @@ def _candidates(
             yield from ((name, source.place(point)) for point in _far_points(source, target))
 
 
-def _far_points(source: Side, target: Side) -> list[np.ndarray]:
+def _far_points(source: AbstractSide, target: AbstractSide) -> list[np.ndarray]:
     """Return points of the source that are far from the target, the farthest first."""
     draw = np.random.default_rng(0)
     points = source.samples(draw, _SAMPLED)
@@ -209,8 +215,8 @@ def _far_points(source: Side, target: Side) -> list[np.ndarray]:
 
 
 def prove_minimum(
-    a: Any, b: Any, solution: MinimumSolution | Decision, slack: float, max_cells: int, report: Report
-) -> dict[str, Any]:
+    a: Shape, b: Shape, solution: MinimumSolution | Decision, slack: float, max_cells: int, report: Report
+) -> Entry:
     """Return the claim, the orders of the pieces, the pairs of parts and the two points.
 
     Raises:
@@ -238,7 +244,7 @@ def prove_minimum(
     return {"claim": claim, "orders": orders, "cells": cells, "witness": witness}
 
 
-def _closest(sides: dict[str, Side], points: np.ndarray, upper: float) -> dict[str, Any] | None:
+def _closest(sides: dict[str, AbstractSide], points: np.ndarray, upper: float) -> Entry | None:
     """Return a point on each shape, proven to be at most `upper` apart; None if none is found."""
     for _ in range(_TURNS):
         first, second = (side.place(point) for side, point in zip(sides.values(), points, strict=True))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jhd._distance.certificate.sides import AbstractPieces
 from jhd._distance.certificate.surface_multipliers import (
     COST,
     KEPT,
@@ -23,7 +24,6 @@ from jhd._distance.certificate.surface_multipliers import (
     on_sides,
     unit_of,
 )
-from jhd._distance.certificate.surface_side import SurfaceSide
 from jhd._distance.certificate.verification.pieces import Part, difference
 from jhd._distance.certificate.verification.polynomials import BITS, elevated
 from jhd._distance.certificate.verification.surface_proofs import joined, slack_of
@@ -46,13 +46,13 @@ class PairColumns(NamedTuple):
 
 
 def pair_multipliers(
-    parts: tuple[Part, Part], sides: tuple[SurfaceSide | None, SurfaceSide | None], bound: float
+    parts: tuple[Part, Part], sides: tuple[AbstractPieces, AbstractPieces], bound: float
 ) -> list[list[float] | None] | None:
     """Return multipliers for the surfaces among two parts, None for other shapes; None if none are found.
 
     Args:
         parts: both parts, each on a domain of its own.
-        sides: the implicit surfaces; None for other shapes.
+        sides: the shapes of the parts.
         bound: the distance to prove.
     """
     mine, other, domain = joined(*parts)
@@ -60,7 +60,7 @@ def pair_multipliers(
     simplices = [list(range(count)), list(range(count, len(domain)))]
     forms = [negative(slack_of(difference(mine, other), bound))]
     for side, part, used in zip(sides, (mine, other), simplices, strict=True):
-        if side is not None:
+        if side.zeros is not None:
             value = value_on(side.zeros, part)
             forms += [times(of_corners(row, domain, used), value) for row in np.eye(4).tolist()]
     columns = _columns(forms, domain)
@@ -75,8 +75,8 @@ def pair_multipliers(
     x = x / columns.sizes * columns.sizes[0]
     found, used = [], 1
     for side in sides:
-        found.append(None if side is None else few_bits(x[used : used + 4]).tolist())
-        used += 0 if side is None else 4
+        found.append(None if side.zeros is None else few_bits(x[used : used + 4]).tolist())
+        used += 0 if side.zeros is None else 4
     return found
 
 
@@ -169,7 +169,7 @@ def _second(powers: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def _nearest(
-    parts: tuple[Part, Part], sides: tuple[SurfaceSide | None, SurfaceSide | None], domain: Sequence[tuple[int, ...]]
+    parts: tuple[Part, Part], sides: tuple[AbstractPieces, AbstractPieces], domain: Sequence[tuple[int, ...]]
 ) -> tuple[np.ndarray, float] | None:
     """Barycentric coordinates of approximate nearest points of both parts, and their distance; None if one is empty."""
     draw = np.random.default_rng(len(domain))
@@ -179,7 +179,8 @@ def _nearest(
         found = []
         for k, (part, side) in enumerate(zip(parts, sides, strict=True)):
             shares = _drawn(draw, part.domain, best[k][0] if best else None, reach)
-            shares, points = (shares, _points(part, shares)) if side is None else _on_surface(side, part, shares)
+            shares = side.shares_in(_points(part, np.eye(shares.shape[1])), shares) if side.zeros else shares
+            points = _points(part, shares)
             if best:
                 shares, points = np.concatenate([best[k][0][None], shares]), np.concatenate([best[k][1][None], points])
             found.append((shares, points))
@@ -223,10 +224,3 @@ def _points(part: Part, shares: np.ndarray) -> np.ndarray:
 
     weight = values(part.weight)
     return np.stack([values(f) / weight for f in part.coordinates], axis=-1)
-
-
-def _on_surface(side: SurfaceSide, part: Part, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points of a surface in a tetrahedron, near others: barycentric coordinates and positions."""
-    corners = _points(part, np.eye(4))
-    found = np.concatenate([side.shares_on(corners, shares), side.inside(corners)])
-    return found, found @ corners

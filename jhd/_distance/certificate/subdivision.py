@@ -14,7 +14,6 @@ All of this is floating point; jhd._distance.certificate.verification checks the
 Source: Alt, Behrends & Bloemer for the covering; the multipliers are known as the S-procedure.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,11 +21,23 @@ import numpy as np
 from jhd._arithmetic.bernstein import basis
 from jhd._distance.cells.branches import hermite, moebius_weights
 from jhd._distance.certificate.curve_cuts import CurveCells, CurveFeet, peaks, seams
+from jhd._distance.certificate.cutting import (
+    Entry,
+    Report,
+    UncoveredError,
+    cell_name,
+    first_cells,
+    grid,
+    half_of_cell,
+    in_order,
+    longest_side,
+    prove_all,
+    shortest,
+)
 from jhd._distance.certificate.multipliers import multipliers
-from jhd._distance.certificate.sides import NearFeet, ShapeSide
-from jhd._distance.certificate.verification.cells import MOST_CUTS, half, roots
+from jhd._distance.certificate.shape_side import NearFeet, ShapeSide
+from jhd._distance.certificate.verification.cells import MOST_CUTS
 from jhd._distance.certificate.verification.pieces import composed, difference, simplex_map
-from jhd._distance.certificate.verification.polynomials import exponents
 from jhd._distance.certificate.verification.proofs import failure_at_most
 from jhd._distance.certificate.verification.structure import MOST_FEET
 from jhd._distance.nearest.feet import equation_of, foot_speed
@@ -36,7 +47,7 @@ from jhd._runtime.arrays import taken
 # fails, and the cell is cut.
 _PARTS = {1: 60, 2: 300, 3: 300, 4: 300}
 # Degrees of the grids on which maps are compared: on an interval, on a triangle.
-_GRIDS = {1: 0, 2: 12, 3: 6}
+_GRIDS = {1: 1, 2: 12, 3: 6}
 # Parameters of feet are rounded to multiples of this, which keeps integers short: the distance changes by its square.
 # Feet of curves on curves keep all digits: their distance may be less than the rounding of a parameter.
 _BITS = 2.0**36
@@ -53,18 +64,12 @@ _ALIKE = 1e-9
 # Cells that are cut in one generation, and generations by the number of corners, if only far points are wanted.
 _BEAM = {1: 0, 2: 16, 3: 48}
 _GENERATIONS = {1: 0, 2: 48, 3: 24}
-# The letters of the halves of a triangle, for each pair of corners between which it is cut.
-_LETTERS = {(0, 1): "ab", (0, 2): "cd", (1, 2): "ef"}
-
-
-class UncoveredError(Exception):
-    """The cells did not get below the bound; the message names the location or the reason."""
 
 
 class CellCover(NamedTuple):
     """Entries of a certificate, and the points of a found on the way, the farthest first."""
 
-    entries: list[dict[str, Any]]
+    entries: list[Entry]
     farthest: list[tuple[int, np.ndarray]]
 
 
@@ -84,6 +89,11 @@ class _Open(NamedTuple):
 
     take = taken
 
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return len(self.piece)
+
 
 class _Maps(NamedTuple):
     """Maps of each cell: the piece of b, the parameters of feet, squared distances on the grid.
@@ -100,9 +110,7 @@ class _Maps(NamedTuple):
     take = taken
 
 
-def cover_by_cells(
-    source: ShapeSide, target: ShapeSide, upper: float, max_cells: int, report: Callable[[int, int], None]
-) -> CellCover:
+def cover_by_cells(source: ShapeSide, target: ShapeSide, upper: float, max_cells: int, report: Report) -> CellCover:
     """Return cells that cover the source, each proven to be at most `upper` away from the target.
 
     Args:
@@ -116,25 +124,25 @@ def cover_by_cells(
         UncoveredError: a point is farther away, or too many or too narrow cells would be needed.
     """
     limit = float(np.ldexp(upper, -source.exponent))
-    cells, entries, known = _first(source, target, limit), [], _Known()
-    while True:
+    known = _Known()
+
+    def step(cells: _Open) -> tuple[list[Entry], list[_Open]]:
         known.add(cells)
         maps, curved = _maps(source, target, cells)
         found = _accepted(source, target, cells, maps, curved, upper, limit)
-        entries += [entry for entry in found if entry is not None]
+        proven = [entry for entry in found if entry is not None]
         rest = np.flatnonzero([entry is None for entry in found])
-        report(len(entries), len(rest))
-        if len(entries) + len(rest) > max_cells:
-            raise UncoveredError(f"more than {max_cells} cells are needed: raise max_cells, or atol.")
         if not len(rest):
-            break
+            return proven, []
         cells, maps, cuts = cells.take(rest), [each.take(rest) for each in maps], None
         if source.cell_corners == 2:
             cuts = _cuts(source, target, cells, maps, limit)
         if not _are_curves(source, target):
             cells = _with_starts(cells, maps)
-        cells = _parts(source, target, cells, limit, cuts)
-    return CellCover(sorted(entries, key=lambda entry: (entry["piece"], entry["cell"] or [])), known.farthest())
+        return proven, [_parts(source, target, cells, limit, cuts)]
+
+    entries = prove_all([_first(source, target, limit)], step, max_cells, report)
+    return CellCover(in_order(entries), known.farthest())
 
 
 def far_places(source: ShapeSide, target: ShapeSide) -> list[tuple[int, np.ndarray]]:
@@ -173,15 +181,9 @@ class _Known:
 
 def _first(source: ShapeSide, target: ShapeSide, limit: float | None = None) -> _Open:
     """Return the pieces as cells; patches as two triangles each."""
-    pieces = np.arange(len(source.exact))
-    if source.cell_corners < 3:
-        x = np.tile(np.linspace(0.0, 1.0, source.cell_corners)[:, None][:, : source.parameters], (len(pieces), 1, 1))
-        return _measured(source, target, pieces, np.full(len(pieces), "", object), x, limit)
-    triangles = roots(source.exact[0])
-    names = [str(k) if len(triangles) > 1 else "" for k in range(len(triangles))]
-    x = np.tile(np.array(triangles), (len(pieces), 1, 1))
-    name = np.array(names * len(pieces), object)
-    return _measured(source, target, np.repeat(pieces, len(triangles)), name, x, limit)
+    cells = [(k, *cell) for k, exact in enumerate(source.exact) for cell in first_cells(exact, source.cell_corners)]
+    pieces, names, x = (list(rows) for rows in zip(*cells, strict=True))
+    return _measured(source, target, np.array(pieces), np.array(names, object), np.array(x), limit)
 
 
 def _measured(
@@ -200,18 +202,12 @@ def _measured(
     feet = target.feet(points, proven=True) if limit is None else target.feet_within(points, limit)
     worst = int(np.argmax(feet.distance))
     if limit is not None and feet.distance[worst] > limit * (1 + 1e-12) + 1e-14:
-        raise UncoveredError(f"piece {int(unique[worst, 0])} at {unique[worst, 1:].tolist()} is farther away.")
+        raise UncoveredError.far(int(unique[worst, 0]), unique[worst, 1:])
     shaped = NearFeet(*(rows[back].reshape(count, corners, *rows.shape[1:]) for rows in feet))
     return _Open(piece, name, x, points[back].reshape(count, corners, -1), shaped, shaped)
 
 
 # ---- proposals -----------------------------------------------------------------------------------
-
-
-def _grid(corners: int) -> np.ndarray:
-    """Return barycentric coordinates of the samples of a cell, (samples, corners)."""
-    degree = max(_GRIDS[corners], 1)
-    return np.array(exponents(corners, degree), float) / degree
 
 
 def _maps(source: ShapeSide, target: ShapeSide, cells: _Open) -> tuple[list[_Maps], list[_Maps]]:
@@ -226,7 +222,7 @@ def _maps(source: ShapeSide, target: ShapeSide, cells: _Open) -> tuple[list[_Map
         piece, rows = pieces[:, k], []
         for j in range(cells.x.shape[1]):
             followed = starts[:, k] if j == k else target.local(piece, starts[:, k], cells.points[:, j]).x
-            rows.append(_rounded(target, followed))
+            rows.append(target.rounded(followed, _BITS))
         found.append(_with_squares(source, target, cells, piece, np.stack(rows, axis=1)))
     return found, []
 
@@ -260,14 +256,19 @@ def _speeds(source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarra
 
 
 def _with_squares(
-    source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarray, x: np.ndarray, weights: Any = None
+    source: ShapeSide,
+    target: ShapeSide,
+    cells: _Open,
+    piece: np.ndarray,
+    x: np.ndarray,
+    weights: np.ndarray | None = None,
 ) -> _Maps:
     """Return the maps with the squared distances on the grid."""
-    grid = _grid(source.cell_corners)
-    shares = grid if x.shape[1] == grid.shape[1] else basis(x.shape[1] - 1, grid[:, 1])
+    samples = grid(source.cell_corners, _GRIDS[source.cell_corners])
+    shares = samples if x.shape[1] == samples.shape[1] else basis(x.shape[1] - 1, samples[:, 1])
     feet = np.einsum("sk,nkp->nsp", shares, x)
     feet = feet if weights is None else feet / (weights @ shares.T)[..., None]
-    e = _sampled(source, cells.piece, np.einsum("sk,nkp->nsp", grid, cells.x)) - _sampled(target, piece, feet)
+    e = _sampled(source, cells.piece, np.einsum("sk,nkp->nsp", samples, cells.x)) - _sampled(target, piece, feet)
     return _Maps(piece, x, weights, np.sum(e * e, axis=-1))
 
 
@@ -275,14 +276,6 @@ def _sampled(side: ShapeSide, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return points of a shape at parameters (cells, samples, parameters); the samples of a cell are on one piece."""
     count, samples, width = x.shape
     return side.points(np.repeat(piece, samples), x.reshape(count * samples, width)).reshape(count, samples, -1)
-
-
-def _rounded(target: ShapeSide, x: np.ndarray) -> np.ndarray:
-    """Return parameters with few digits, inside their domain."""
-    x = np.clip(np.round(x * _BITS) / _BITS, 0.0, 1.0)
-    if target.corners == (3,):
-        x[:, 1] = np.minimum(x[:, 1], 1 - x[:, 0])
-    return x
 
 
 def _accepted(
@@ -293,12 +286,12 @@ def _accepted(
     curved: list[_Maps],
     upper: float,
     limit: float,
-) -> list[dict[str, Any] | None]:
+) -> list[Entry | None]:
     """Return for each cell an entry that the exact check accepts: of the best affine map, a curved one, or several."""
     best = np.argmin([np.max(each.squares, axis=1) for each in maps], axis=0)
     least = np.max(np.min([each.squares for each in maps], axis=0), axis=1)
     enough = (limit * (1 + _SURELY) + _SURELY) ** 2
-    found: list[dict[str, Any] | None] = []
+    found: list[Entry | None] = []
     for k in range(len(cells.piece)):
         affine = maps if curved else [maps[best[k]]]
         single = (each for each in (*affine, *curved) if np.max(each.squares[k]) <= enough)
@@ -312,7 +305,7 @@ def _accepted(
 
 def _by_several(
     source: ShapeSide, target: ShapeSide, cells: _Open, k: int, maps: list[_Maps], upper: float, limit: float
-) -> dict[str, Any] | None:
+) -> Entry | None:
     """Return an entry with several feet, if multipliers for them are found."""
     chosen = [maps[i] for i in _different(maps, k)[:MOST_FEET]]
     if len(chosen) < 2:
@@ -328,7 +321,7 @@ def _by_several(
             found.append((limit * limit - square) * target.weights(piece, x) ** 2)
         return np.stack(found)
 
-    rows = multipliers(slack, _grid(source.cell_corners))
+    rows = multipliers(slack, grid(source.cell_corners, _GRIDS[source.cell_corners]))
     return None if rows is None else _checked(source, target, cells, k, chosen, rows, upper)
 
 
@@ -362,7 +355,7 @@ def _checked(
     maps: list[_Maps],
     weights: list[list[float]] | None,
     upper: float,
-) -> dict[str, Any] | None:
+) -> Entry | None:
     """Return the entry of a cell with these maps; None if the exact check does not accept it."""
     piece, corners = int(cells.piece[k]), source.cell_corners
     feet = [_foot(each, k) for each in maps]
@@ -373,20 +366,15 @@ def _checked(
         apart.append(difference(part, composed(other, simplex_map(other, corners, foot["map"], foot["weights"]))))
     if failure_at_most(apart, upper, weights, _PARTS[len(maps)]) is not None:
         return None
-    name = str(cells.name[k]) if corners == 3 else cells.x[k, :, 0].tolist() if corners == 2 else None
+    name = cell_name(str(cells.name[k]), cells.x[k])
     return {"piece": piece, "cell": name, "feet": feet, "multipliers": weights, "bound": upper}
 
 
-def _foot(maps: _Maps, k: int) -> dict[str, Any]:
+def _foot(maps: _Maps, k: int) -> Entry:
     """Return the map of a cell in the form of certificates."""
     if maps.weights is None:
         return {"piece": int(maps.piece[k]), "map": shortest(maps.x[k]), "weights": None}
     return {"piece": int(maps.piece[k]), "map": maps.x[k].tolist(), "weights": maps.weights[k].tolist()}
-
-
-def shortest(x: np.ndarray) -> list[list[float]]:
-    """Return the rows of a map; one row if all are equal."""
-    return x[:1].tolist() if np.all(x == x[0]) else x.tolist()
 
 
 # ---- cuts ----------------------------------------------------------------------------------------
@@ -430,8 +418,7 @@ def _parts(
     """
     depth = max(len(name) for name in cells.name)
     if source.cell_corners == 1 or depth >= MOST_CUTS:
-        place = f"piece {int(cells.piece[0])} at {cells.x[0, 0].tolist()}"
-        raise UncoveredError(f"{place} is not proven to be nearer than the bound.")
+        raise UncoveredError.narrow(int(cells.piece[0]), cells.x[0, 0])
     names, corners, parent = [], [], []
     for k in range(len(cells.piece)):
         if cuts is None:
@@ -446,17 +433,3 @@ def _parts(
     rows = np.array(parent)
     found = _measured(source, target, cells.piece[rows], np.array(names, object), np.array(corners), limit)
     return found._replace(more=NearFeet(*(each[rows] for each in cells.more)))
-
-
-def longest_side(points: np.ndarray) -> str:
-    """Return the letters of the halves between the two farthest corners of an interval or a triangle."""
-    pairs = list(_LETTERS) if len(points) == 3 else [(0, 1)]
-    return _LETTERS[max(pairs, key=lambda pair: float(np.sum((points[pair[0]] - points[pair[1]]) ** 2)))]
-
-
-def half_of_cell(x: np.ndarray, letter: str, depth: int = 0) -> Any:
-    """Return the half, named by `letter`, of a cell with these parameters of its corners and number of cuts."""
-    if len(x) > 2:
-        return half(tuple(map(tuple, x.tolist())), letter, depth)
-    middle = 0.5 * (x[0] + x[1])
-    return [x[0], middle] if letter == "a" else [middle, x[1]]

@@ -5,14 +5,26 @@ a few points in a cell show which parts of the opposite shape are near, and each
 cell, makes one map. Linear programs find the multipliers (surface_multipliers), and integers check them.
 """
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
-from jhd._distance.certificate.sides import ShapeSide
-from jhd._distance.certificate.subdivision import UncoveredError, half_of_cell, longest_side, shortest
+from jhd._distance.certificate.cutting import (
+    Entry,
+    Report,
+    UncoveredError,
+    cell_name,
+    first_cells,
+    grid,
+    half_of_cell,
+    in_order,
+    longest_side,
+    one_by_one,
+    prove_all,
+    shortest,
+)
+from jhd._distance.certificate.sides import AbstractSide, FootMap
 from jhd._distance.certificate.surface_multipliers import (
     SurfaceMultipliers,
     Terms,
@@ -21,14 +33,9 @@ from jhd._distance.certificate.surface_multipliers import (
     plain_multipliers,
     tight_place,
 )
-from jhd._distance.certificate.surface_side import SurfaceFoot, SurfaceSide
-from jhd._distance.certificate.verification.cells import MOST_CUTS, roots
+from jhd._distance.certificate.verification.cells import MOST_CUTS
 from jhd._distance.certificate.verification.pieces import composed, simplex_map
-from jhd._distance.certificate.verification.polynomials import exponents
 from jhd._distance.certificate.verification.surface_proofs import failure_of_surface_cell
-from jhd._distance.certificate.verification.zeros import is_free
-
-Side = ShapeSide | SurfaceSide
 
 # Parts into which an exact check may cut a cell here, and one that should need none.
 _PARTS, _FEW_PARTS = 120, 6
@@ -43,10 +50,6 @@ _FEET = 3
 _ALIKE = 1e-6
 # If a point is farther away than the bound by more than this fraction, the search decides.
 _SURELY = 1e-9
-# The points of feet are rounded to multiples of this fraction of the size.
-_BITS = 2.0**40
-# How much wider a tube is than its samples need, and the least width, as a fraction of the size.
-_WIDER, _THIN = 1.5, 2.0**-26
 
 
 class _SurfaceCell(NamedTuple):
@@ -55,198 +58,94 @@ class _SurfaceCell(NamedTuple):
     piece: int
     name: str
     x: np.ndarray
+    size: int = 1
 
 
 def cover_with_surfaces(
-    source: Side, target: Side, upper: float, max_cells: int, report: Callable[[int, int], None]
-) -> list[dict[str, Any]]:
+    source: AbstractSide, target: AbstractSide, upper: float, max_cells: int, report: Report
+) -> list[Entry]:
     """Return cells as `cover_by_cells` does, for shapes with an implicit surface; all in the unit of the arrays."""
-    if isinstance(target, SurfaceSide) and not target.is_found:
+    if not target.is_found:
         raise UncoveredError("no point of the other surface is proven: no change of sign of its polynomial was found.")
-    left, entries = _first(source), []
-    while left:
-        cell = left.pop()
-        entry = _Tried(source, target, cell, upper).entry()
-        if entry is None:
-            left += _halves(source, cell)
-        else:
-            entries.append(entry)
-        if len(entries) + len(left) > max_cells:
-            raise UncoveredError(f"more than {max_cells} cells are needed: raise max_cells, or atol.")
-        report(len(entries), len(left))
-    return sorted(entries, key=lambda entry: (entry["piece"], entry["cell"] or []))
+    first = [
+        _SurfaceCell(piece, name, x)
+        for piece, exact in enumerate(source.exact)
+        for name, x in first_cells(exact, source.cell_corners)
+    ]
+    step = one_by_one(lambda cell: _Tried(source, target, cell, upper).entry(), partial(_halves, source))
+    return in_order(prove_all(first[::-1], step, max_cells, report))
 
 
-def _first(source: Side) -> list[_SurfaceCell]:
-    cells = []
-    for piece, exact in enumerate(source.exact):
-        if source.cell_corners < 3:
-            x = np.linspace(0.0, 1.0, source.cell_corners)[:, None][:, : source.parameters]
-            cells.append(_SurfaceCell(piece, "", x))
-            continue
-        triangles = roots(exact)
-        cells += [
-            _SurfaceCell(piece, str(k) if len(triangles) > 1 else "", np.array(x)) for k, x in enumerate(triangles)
-        ]
-    return cells[::-1]
-
-
-def _halves(source: Side, cell: _SurfaceCell) -> list[_SurfaceCell]:
+def _halves(source: AbstractSide, cell: _SurfaceCell) -> list[_SurfaceCell]:
     if source.cell_corners == 1 or len(cell.name) >= MOST_CUTS:
-        raise UncoveredError(f"piece {cell.piece} at {cell.x[0].tolist()} is not proven to be nearer than the bound.")
-    if source.cell_corners == 4:
-        letters = "ab"
-    else:
-        points = source.points(np.full(len(cell.x), cell.piece), cell.x)
-        letters = longest_side(points)
+        raise UncoveredError.narrow(cell.piece, cell.x[0])
+    letters = longest_side(source.points(np.full(len(cell.x), cell.piece), cell.x))
     return [
-        _SurfaceCell(cell.piece, cell.name + letter, np.asarray(half_of_cell(cell.x, letter, len(cell.name))))
+        _SurfaceCell(cell.piece, cell.name + letter, half_of_cell(cell.x, letter, len(cell.name)))
         for letter in reversed(letters)
     ]
-
-
-class _FootMap(NamedTuple):
-    """A map of a cell into the target: rows of parameters or points, and a vector along which it crosses a surface."""
-
-    piece: int
-    rows: np.ndarray
-    way: np.ndarray
 
 
 class _Tried:
     """A cell for which an entry is searched."""
 
-    def __init__(self, source: Side, target: Side, cell: _SurfaceCell, upper: float):
+    def __init__(self, source: AbstractSide, target: AbstractSide, cell: _SurfaceCell, upper: float):
         self.source, self.target, self.cell, self.upper = source, target, cell, upper
-        self.corners = len(cell.x)
-        self.points = self._points(np.eye(self.corners))
+        self.count = len(cell.x)
+        self.corners = self._points(np.eye(self.count))
+        self.map = simplex_map(source.exact[cell.piece], self.count, cell.x.tolist())
 
-    def entry(self) -> dict[str, Any] | None:
+    def entry(self) -> Entry | None:
         """Return an entry that integers accept; None if none is found."""
         source, cell = self.source, self.cell
-        exact = source.exact[cell.piece]
-        self.map = simplex_map(exact, self.corners, cell.x.tolist())
-        name: Any = cell.name if self.corners > 2 else cell.x[:, 0].tolist() if self.corners == 2 else None
-        entry = {"piece": cell.piece, "cell": name, "feet": [], "multipliers": None, "bound": self.upper}
-        if isinstance(source, SurfaceSide):
+        name = cell_name(cell.name, cell.x)
+        entry: Entry = {"piece": cell.piece, "cell": name, "feet": [], "multipliers": None, "bound": self.upper}
+        if source.zeros is not None:
             entry["zero"] = None
-            values = source.values(self._points(_grid(4, 4)))
-            if np.min(values) * np.max(values) > 0 and self._is_free():
+            if source.is_empty(composed(source.exact[cell.piece], self.map), self._points(grid(4, 4))):
                 return entry
-        maps = self._maps()
-        if not maps:
-            return None
-        for chosen in self._choices(maps):
-            done = self._with(entry, chosen)
-            if done is not None:
-                return done
-        return None
-
-    def _is_free(self) -> bool:
-        source = cast(SurfaceSide, self.source)
-        return is_free(source.zeros, composed(source.exact[self.cell.piece], self.map))
+        # Points of the source in the cell, for which feet are searched.
+        shares = source.shares_in(self.corners, grid(self.count, _GRIDS[self.count]))
+        points = self._points(shares)
+        maps = self._maps(points)
+        tried = (self._with(entry, chosen) for chosen in self._choices(maps, shares, points))
+        return next((done for done in tried if done is not None), None)
 
     def _points(self, shares: np.ndarray) -> np.ndarray:
         return self.source.points(np.full(len(shares), self.cell.piece), shares @ self.cell.x)
 
-    def _representatives(self) -> np.ndarray:
-        """Return points of the source in the cell, for which feet are searched."""
-        points = self._points(_grid(self.corners, _GRIDS[self.corners]))
-        if not isinstance(self.source, SurfaceSide):
-            return points
-        shares = self.source.shares_on(self.points, _grid(4, _GRIDS[4]))
-        return np.concatenate([shares, self.source.inside(self.points)]) @ self.points
-
     # ---- maps --------------------------------------------------------------------------------------
 
-    def _maps(self) -> list[_FootMap]:
-        """Return maps that follow the feet of some points of the cell."""
-        places = self._representatives()
-        if len(places):
-            far = np.argsort(-np.sum((places - places.mean(axis=0)) ** 2, axis=1))
-            chosen = np.concatenate([places[far[:4]], places[far[-1:]]])[::-1]
+    def _maps(self, points: np.ndarray) -> list[FootMap]:
+        """Return maps that follow the feet of some points of the cell.
+
+        Raises:
+            UncoveredError: a point of the source is farther away than the bound.
+        """
+        limit = self.upper * (1 + _SURELY)
+        chosen = self.corners.mean(axis=0)[None]
+        if len(points):
+            far = np.argsort(-np.sum((points - points.mean(axis=0)) ** 2, axis=1))
+            chosen = np.concatenate([points[far[:4]], points[far[-1:]]])[::-1]
         else:
-            chosen = self.points.mean(axis=0)[None]
-        found: list[_FootMap] = []
-        if isinstance(self.target, SurfaceSide):
-            for place in chosen:
-                feet = self.target.near(place)
-                self._look(place, feet[0].distance if feet else np.inf, len(places) > 0)
-                for foot in feet[: 1 if self.corners == 1 else 2]:
-                    self._add(found, self._along_surface(place, foot))
-            return found
-        # Points that are not on the source cannot be too far away.
-        near = self.target.feet_within(chosen, self.upper * (1 + _SURELY) if len(places) else np.inf)
-        for k, place in enumerate(chosen):
-            self._look(place, float(near.distance[k]), len(places) > 0)
-            self._add(found, self._along_piece(int(near.piece[k]), near.x[k]))
+            # Points that are not on the source cannot be too far away.
+            limit = np.inf
+        found: list[FootMap] = []
+        for point, near in zip(chosen, self.target.maps_near(self.corners, chosen, limit), strict=True):
+            if near.distance > limit and self.target.proven_distance(point, near.distance) > self.upper * (1 + 1e-12):
+                raise UncoveredError.far(self.cell.piece, point)
+            for each in near.maps:
+                if not any(_are_alike(each, other) for other in found):
+                    found.append(each)
         return found
-
-    def _look(self, place: np.ndarray, distance: float, is_there: bool) -> None:
-        """Raise UncoveredError if the point `place` of the source is farther away than the bound."""
-        if not is_there:
-            return
-        if distance > self.upper * (1 + _SURELY):
-            proven = self.target.proven_distance(place) if isinstance(self.target, SurfaceSide) else distance
-            if proven > self.upper * (1 + 1e-12):
-                raise UncoveredError(f"the place {place.tolist()} of piece {self.cell.piece} is farther away.")
-
-    def _add(self, found: list[_FootMap], foot: _FootMap | None) -> None:
-        if foot is None:
-            return
-        size = _ALIKE * float(np.max(np.abs(foot.rows), initial=1e-300))
-        for other in found:
-            if other.piece == foot.piece and np.max(np.abs(other.rows - foot.rows), initial=0.0) <= size:
-                return
-        found.append(foot)
-
-    def _along_piece(self, piece: int, x: np.ndarray, u: np.ndarray | None = None) -> _FootMap:
-        target, count = cast(ShapeSide, self.target), len(self.points)
-        followed = target.local(np.full(count, piece), np.tile(x, (count, 1)), self.points).x
-        followed = followed if u is None else followed + (x - u @ followed)
-        rows = np.clip(np.round(followed * _BITS) / _BITS, 0.0, 1.0)
-        if target.corners == (3,):
-            rows[:, 1] = np.minimum(rows[:, 1], 1 - rows[:, 0])
-        return _FootMap(piece, rows, np.zeros(3))
-
-    def _along_surface(self, place: np.ndarray, foot: SurfaceFoot, u: np.ndarray | None = None) -> _FootMap | None:
-        """Return the map that follows `foot` on the target surface, with a vector across it; None if it fails."""
-        target = cast(SurfaceSide, self.target)
-        free = ~foot.held
-        slope = np.where(free, target.slopes(foot.point), 0.0)
-        length = float(np.linalg.norm(slope))
-        moved = foot.point + (self.points - place) @ foot.moves.T
-        moved = moved if u is None else moved + (foot.point - u @ moved)
-        if length == 0:
-            is_zero = float(target.values(foot.point)) == 0
-            return _FootMap(0, np.tile(foot.point, (self.corners, 1)), np.zeros(3)) if is_zero else None
-        normal = slope / length
-        rows = np.clip(moved, target.lower, target.upper)
-        for _ in range(2):
-            q = _grid(self.corners, _GRIDS[self.corners] + 1) @ rows
-            s = _crossings(target, q, normal)
-            if s is None:
-                return None
-            reach = _WIDER * float(np.max(np.abs(s))) + _THIN * target.size
-            way = normal * reach
-            low, high = target.lower + np.abs(way), target.upper - np.abs(way)
-            if np.any(low > high):
-                return None
-            rows = np.where(free, np.clip(rows, low, high), foot.point)
-        unit = 2.0 ** np.ceil(np.log2(target.size)) / _BITS
-        rounded = np.where(free, np.round(rows / unit) * unit, foot.point)
-        rounded = np.where(free & ((rounded < low) | (rounded > high)), rows, rounded)
-        return _FootMap(0, rounded, target.without_tiny(np.where(free, way * (1 - 1e-9), 0.0)))
 
     # ---- proofs --------------------------------------------------------------------------------------
 
-    def _choices(self, maps: list[_FootMap]) -> list[list[_FootMap]]:
+    def _choices(self, maps: list[FootMap], shares: np.ndarray, points: np.ndarray) -> list[list[FootMap]]:
         """Return single maps, the best first, or else one set of several maps."""
-        places = self._representatives()
-        if not len(places):
-            return [maps[:1]]
-        shares = self._shares(places)
-        squares = np.stack([self._squares(foot, shares, places) for foot in maps])
+        if not len(points) or not maps:
+            return [maps[:1]] if maps else []
+        squares = np.stack([np.sum((points - self._feet(foot, shares)) ** 2, axis=1) for foot in maps])
         order = np.argsort(np.max(squares, axis=1))
         enough = self.upper**2 * (1 + _SURELY)
         single = [[maps[k]] for k in order[:2] if np.max(squares[k]) <= enough]
@@ -256,35 +155,22 @@ class _Tried:
             return []
         chosen: list[int] = []
         while len(chosen) < _FEET:
-            best = np.min(squares[chosen], axis=0) if chosen else np.full(len(places), np.inf)
+            best = np.min(squares[chosen], axis=0) if chosen else np.full(len(points), np.inf)
             if np.all(best <= enough):
                 break
             gains = [np.max(np.minimum(best, squares[k])) for k in range(len(maps))]
             chosen.append(int(np.argmin(gains)))
         return [[maps[k] for k in chosen]] if len(set(chosen)) > 1 else []
 
-    def _shares(self, places: np.ndarray) -> np.ndarray:
-        if isinstance(self.source, SurfaceSide):
-            x = np.linalg.solve((self.points[1:] - self.points[0]).T, (places - self.points[0]).T).T
-            return np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
-        return _grid(self.corners, _GRIDS[self.corners])
+    def _feet(self, foot: FootMap, shares: np.ndarray) -> np.ndarray:
+        """Return the points of a map, moved to the target if they cross it."""
+        q = self.target.feet_at(foot, shares)
+        positions = self.target.crossings(foot, q)
+        return q if positions is None else q + positions[:, None] * foot.way
 
-    def _squares(self, foot: _FootMap, shares: np.ndarray, places: np.ndarray) -> np.ndarray:
-        q = self._feet_at(foot, shares)
-        if np.any(foot.way):
-            normal = foot.way / np.linalg.norm(foot.way)
-            s = _crossings(cast(SurfaceSide, self.target), q, normal)
-            q = q if s is None else q + s[:, None] * normal
-        return np.sum((places - q) ** 2, axis=1)
-
-    def _feet_at(self, foot: _FootMap, shares: np.ndarray) -> np.ndarray:
-        if isinstance(self.target, SurfaceSide):
-            return shares @ foot.rows
-        return self.target.points(np.full(len(shares), foot.piece), shares @ foot.rows)
-
-    def _with(self, entry: dict[str, Any], feet: list[_FootMap]) -> dict[str, Any] | None:
+    def _with(self, entry: Entry, feet: list[FootMap]) -> Entry | None:
         """Return the entry with these maps, moved to be sharp at the tight point; None if it is not proven."""
-        intervals = len(feet) if isinstance(self.target, SurfaceSide) else 0
+        intervals = len(feet) if self.target.zeros else 0
         tight = self._tight(feet, intervals)
         for _ in range(_MOVED):
             if tight is None or tight.is_clear or tight.least < -_FAR:
@@ -307,53 +193,37 @@ class _Tried:
 
     def _degrees(self, feet: int) -> tuple[int, int]:
         """Return the degrees of the polynomial to prove: in the cell and along a foot."""
-        source, target = self.source, self.target
-        mine, other = (1 if isinstance(side, SurfaceSide) else sum(side.degrees) for side in (source, target))
-        inside, along = 2 * (mine + other) + (feet > 1), 0
-        if isinstance(source, SurfaceSide):
-            inside = max(inside, source.zeros.degree + 1)
-        if isinstance(target, SurfaceSide):
-            along = target.zeros.degree + 1
-            inside = max(inside, along)
-        return inside, along
+        zeros = [side.zeros.degree + 1 for side in (self.source, self.target) if side.zeros]
+        inside = 2 * (self.source.cell_degree + self.target.cell_degree) + (feet > 1)
+        return max(inside, *zeros), self.target.zeros.degree + 1 if self.target.zeros else 0
 
-    def _tight(self, feet: list[_FootMap], intervals: int, near: np.ndarray | None = None) -> TightPlace | None:
+    def _tight(self, feet: list[FootMap], intervals: int, near: np.ndarray | None = None) -> TightPlace | None:
         constrain = partial(self._that_count, feet=feet[:intervals])
-        return tight_place(partial(self._terms, feet), constrain, self.corners, intervals, near)
+        return tight_place(partial(self._terms, feet), constrain, self.count, intervals, near)
 
-    def _moved(self, foot: _FootMap, tight: TightPlace, k: int) -> _FootMap:
+    def _moved(self, foot: FootMap, tight: TightPlace, k: int) -> FootMap:
         """Return the map that takes the tight point to its own foot; the map itself if no foot is near."""
-        place, at = self._points(tight.u[None])[0], tight.u @ foot.rows
-        if isinstance(self.target, SurfaceSide):
-            found = self.target.foot(place, at + tight.s[k] * foot.way)
-            moved = None if found is None else self._along_surface(place, found, tight.u)
-        else:
-            x = self.target.local(np.array([foot.piece]), at[None], place[None]).x[0]
-            moved = self._along_piece(foot.piece, x, tight.u)
-        return foot if moved is None else moved
+        position = float(tight.s[k]) if len(tight.s) else 0.0
+        return self.target.moved(self.corners, foot, tight.u, self._points(tight.u[None])[0], position) or foot
 
-    def _terms(self, feet: list[_FootMap], shares: np.ndarray, places: np.ndarray) -> Terms:
+    def _terms(self, feet: list[FootMap], shares: np.ndarray, places: np.ndarray) -> Terms:
         """Return the slacks of feet, and the values of both polynomials, at samples of the cell."""
-        points = self._points(shares)
+        points, target = self._points(shares), self.target
         slacks, there = [], []
-        mine = weights_of(self.source, self.cell.piece, shares @ self.cell.x)
+        mine = self.source.weights_at(self.cell.piece, shares @ self.cell.x)
         for k, foot in enumerate(feet):
-            q, weight = self._feet_at(foot, shares), mine
-            if isinstance(self.target, SurfaceSide):
-                q = q + places[:, k : k + 1] * foot.way
-                there.append(self.target.values(q))
-            else:
-                weight = mine * weights_of(self.target, foot.piece, shares @ foot.rows)
+            q = target.feet_at(foot, shares)
+            q = q + places[:, k : k + 1] * foot.way if places.shape[1] else q
+            values = target.values_at(q)
+            there += [] if values is None else [values]
+            weight = mine * target.weights_at(foot.piece, shares @ foot.rows)
             slacks.append((1 - np.sum((points - q) ** 2, axis=1) / self.upper**2) * weight**2)
-        here = self.source.values(points) if isinstance(self.source, SurfaceSide) else None
-        return Terms(np.array(slacks), np.array(there).reshape(len(there), len(shares)), here)
+        return Terms(np.array(slacks), np.array(there).reshape(len(there), len(shares)), self.source.values_at(points))
 
-    def _checked(
-        self, entry: dict[str, Any], feet: list[_FootMap], found: SurfaceMultipliers, parts: int
-    ) -> dict[str, Any] | None:
+    def _checked(self, entry: Entry, feet: list[FootMap], found: SurfaceMultipliers, parts: int) -> Entry | None:
         """Return the entry, if integers accept it."""
         done = {**entry, "multipliers": found.feet}
-        if isinstance(self.target, SurfaceSide):
+        if self.target.zeros:
             scale = self.upper**2 * self.target.scale
             done["feet"] = [
                 {"map": shortest(foot.rows), "way": foot.way.tolist(), "zero": [x * scale for x in numbers]}
@@ -361,50 +231,25 @@ class _Tried:
             ]
         else:
             done["feet"] = [{"piece": f.piece, "map": shortest(f.rows), "weights": None} for f in feet]
-        if isinstance(self.source, SurfaceSide):
+        if self.source.zeros:
             done["zero"] = [x * self.upper**2 * self.source.scale for x in found.here or [0.0]]
-        zeros = [side.zeros if isinstance(side, SurfaceSide) else None for side in (self.source, self.target)]
+        zeros = self.source.zeros, self.target.zeros
         exact = self.source.exact[self.cell.piece]
-        failed = failure_of_surface_cell(exact, self.map, self.target.exact, (zeros[0], zeros[1]), done, parts)
+        failed = failure_of_surface_cell(exact, self.map, self.target.exact, zeros, done, parts)
         return done if failed is None else None
 
-    def _that_count(self, shares: np.ndarray, feet: list[_FootMap]) -> tuple[np.ndarray, np.ndarray]:
+    def _that_count(self, shares: np.ndarray, feet: list[FootMap]) -> tuple[np.ndarray, np.ndarray]:
         """Return barycentric coordinates of source points near given ones, and the target points along the feet."""
-        if isinstance(self.source, SurfaceSide):
-            shares = self.source.shares_on(self.points, shares)
+        shares = self.source.shares_on(self.corners, shares)
         places = np.zeros((len(shares), len(feet)))
-        target = self.target
-        for k, foot in enumerate(feet if isinstance(target, SurfaceSide) else []):
-            length = float(np.linalg.norm(foot.way))
-            if length > 0 and len(shares):
-                s = _crossings(cast(SurfaceSide, target), shares @ foot.rows, foot.way / length)
-                if s is None:
-                    return shares[:0], places[:0]
-                places[:, k] = np.clip(s / length, -1, 1)
+        for k, foot in enumerate(feet):
+            positions = self.target.crossings(foot, self.target.feet_at(foot, shares))
+            if positions is None:
+                return shares[:0], places[:0]
+            places[:, k] = np.clip(positions, -1, 1)
         return shares, places
 
 
-def weights_of(side: Side, piece: int, x: np.ndarray) -> np.ndarray:
-    """Return the weights at parameters of a piece."""
-    if isinstance(side, SurfaceSide):
-        return np.ones(len(x))
-    exact = side.exact[piece]
-    first = side.rows[piece].reshape(-1, side.rows.shape[-1])[0, -1]
-    return side.weights(np.full(len(x), piece), x) * (exact.weight[0] / 2.0**exact.bits / first)
-
-
-def _grid(corners: int, degree: int) -> np.ndarray:
-    return np.array(exponents(corners, degree), float) / degree
-
-
-def _crossings(target: SurfaceSide, q: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
-    """Return the distances along the normal from points to the surface; None if Newton's method finds none."""
-    s = np.zeros(len(q))
-    for _ in range(8):
-        at = q + s[:, None] * normal
-        slope = target.slopes(at) @ normal
-        s = s - target.values(at) / np.where(slope != 0, slope, 1.0)
-        if np.max(np.abs(s)) > target.size:
-            return None
-    good = np.abs(target.values(q + s[:, None] * normal)) <= 1e-9 * (1e-3 + np.abs(slope)) * target.size
-    return s if np.all(good & (slope > 0)) else None
+def _are_alike(foot: FootMap, other: FootMap) -> bool:
+    size = _ALIKE * float(np.max(np.abs(foot.rows), initial=1e-300))
+    return other.piece == foot.piece and bool(np.max(np.abs(other.rows - foot.rows), initial=0.0) <= size)

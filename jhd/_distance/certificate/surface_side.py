@@ -10,11 +10,13 @@ from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.polynomial import polynomial
+from typing_extensions import override
 
-from jhd._distance.certificate.sides import ShapePlace, plain_shape
-from jhd._distance.certificate.verification.pieces import pieces_of
+from jhd._distance.certificate.cutting import grid
+from jhd._distance.certificate.sides import AbstractSide, FootMap, NearMaps, ShapePlace, plain_shape
+from jhd._distance.certificate.verification.pieces import Part, pieces_of
 from jhd._distance.certificate.verification.values import CertificateError
-from jhd._distance.certificate.verification.zeros import ZeroSet, place_of, zeros_of
+from jhd._distance.certificate.verification.zeros import ZeroSet, is_free, place_of, zeros_of
 from jhd._distance.search.targets import target_of
 from jhd._shapes.implicit import ImplicitSurface
 
@@ -22,12 +24,22 @@ from jhd._shapes.implicit import ImplicitSurface
 _NODES, _HALVINGS = 17, 48
 # Steps towards a foot, and the number of surface points from which the search starts.
 _STEPS, _STARTS = 12, 3
+# Steps of Newton's method along a line.
+_NEWTON = 8
 # Coordinates below this fraction of the size count as zero.
 _TINY = 2.0**-70
 # Lengths of vectors across the surface that are tried, as fractions of the size of its box.
 _WAYS = (0.0, *(2.0**k for k in range(-52, -24, 3)))
 # Points this near to a face of the box, as a fraction of its size, are searched on the face.
 _AT_FACE = 2.0**-44
+# Feet that are followed for each point of a cell; for a single point, the nearest.
+_FOLLOWED = 2
+# How much longer a vector across the surface is than its samples need, and the least length, as a fraction of the size.
+_WIDER, _THIN = 1.5, 2.0**-26
+# The points of feet are rounded to multiples of this fraction of the size.
+_BITS = 2.0**40
+# Degrees of the grids in cells on which maps are compared with the surface, by the number of corners.
+_GRIDS = {1: 2, 2: 7, 3: 4, 4: 3}
 # Feet within this fraction of the box are one foot.
 _ALIKE = 1e-7
 
@@ -41,7 +53,7 @@ class SurfaceFoot(NamedTuple):
     distance: float
 
 
-class SurfaceSide:
+class SurfaceSide(AbstractSide):
     """An implicit surface of a pair, in the unit of its coordinates.
 
     Args:
@@ -49,14 +61,15 @@ class SurfaceSide:
         hints: points on the surface or near it, found by the search.
     """
 
+    zeros: ZeroSet
+
     def __init__(self, surface: ImplicitSurface, hints: np.ndarray):
         plain = plain_shape(surface)
         self.exact, self.zeros = pieces_of(plain), cast(ZeroSet, zeros_of(plain))
-        self.corners, self.parameters, self.cell_corners, self.exponent = (4,), 3, 4, 0
+        self.cell_corners, self.cell_degree, self.exponent = 4, 1, 0
         self.lower, self.upper = (np.asarray(plain[end], float) for end in ("lower", "upper"))
         self.size = float(np.linalg.norm(self.upper - self.lower))
         rows = np.asarray(plain["coefficients"], float)
-        # Values in floating point are the polynomial's values times this.
         self.scale = 1 / float(np.max(np.abs(rows)))
         self._rows = rows * self.scale
         self._slopes = [_derivative(self._rows, i) for i in range(3)]
@@ -92,18 +105,13 @@ class SurfaceSide:
         bend[1, 2] = bend[2, 1] = found[0, 1, 1]
         return float(found[0, 0, 0]), slope, bend
 
+    @override
     def points(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return the points at parameters of the box."""
         shares = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
         return np.einsum("ndk,nk->nd", self._ends[piece], shares)
 
+    @override
     def shares_on(self, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
-        """Return barycentric coordinates of surface points in a tetrahedron, near given ones and on the same sides.
-
-        Args:
-            corners: (4, 3).
-            shares: (places, 4), none negative.
-        """
         u = shares
         for _ in range(_STEPS):
             points = u @ corners
@@ -143,39 +151,35 @@ class SurfaceSide:
         """Return the coordinates with tiny ones set to zero, which would make long integers."""
         return np.where(np.abs(x) < _TINY * self.size, 0.0, x)
 
+    @override
     def samples(self, draw: np.random.Generator, count: int) -> np.ndarray:
-        """Return `count` points of the surface, or all that are known."""
         return self._samples[draw.permutation(len(self._samples))[:count]]
 
+    @override
     def beside(self, points: np.ndarray) -> np.ndarray:
-        """Return points of the surface in the box, near some points."""
         found = (self.foot(point, point) for point in points)
         return np.array([foot.point for foot in found if foot is not None]).reshape(-1, 3)
 
     @property
+    @override
     def is_found(self) -> bool:
-        """Return whether any points of the surface are known."""
         return len(self._samples) > 0
 
-    def proven_distance(self, point: np.ndarray) -> float:
-        """Return a lower bound of the distance of a point to the surface, proven by the search."""
+    @override
+    def proven_distance(self, point: np.ndarray, distance: float) -> float:
         return float(target_of(self._shape).nearest(point[None]).lower[0])
 
-    def scaled(self, points: np.ndarray) -> np.ndarray:
-        """Return points unchanged."""
-        return points
-
+    @override
     def distance(self, point: np.ndarray) -> float:
-        """Approximate distance of a point; inf if no foot is found."""
         feet = self.near(point)
         return feet[0].distance if feet else math.inf
 
+    @override
     def named(self, piece: int, t: np.ndarray, point: np.ndarray | None = None) -> ShapePlace | None:
-        """Return the surface point next to `point`; a surface has no parameters."""
         return None if point is None else self.place(point)
 
+    @override
     def place(self, point: np.ndarray) -> ShapePlace | None:
-        """Return a surface point near a point, with a vector along which the sign changes; None if none is proven."""
         foot = self.foot(point, point)
         if foot is None:
             return None
@@ -238,6 +242,94 @@ class SurfaceSide:
         wants = np.where(held, -pull * inward, -np.inf)
         best = int(np.argmax(wants))
         return best if wants[best] > 1e-9 * self.size else None
+
+    # ---- cells, and maps of cells into the surface ---------------------------------------------------
+
+    @override
+    def weights_at(self, piece: int, x: np.ndarray) -> np.ndarray:
+        return np.ones(len(x))
+
+    @override
+    def values_at(self, points: np.ndarray) -> np.ndarray:
+        return self.values(points)
+
+    @override
+    def is_empty(self, part: Part, points: np.ndarray) -> bool:
+        values = self.values(points)
+        return bool(np.min(values) * np.max(values) > 0) and is_free(self.zeros, part)
+
+    @override
+    def shares_in(self, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
+        return np.concatenate([self.shares_on(corners, shares), self.inside(corners)])
+
+    @override
+    def maps_near(self, corners: np.ndarray, points: np.ndarray, limit: float) -> list[NearMaps]:
+        found = []
+        for point in points:
+            feet = self.near(point)
+            maps = (self._map(corners, point, foot) for foot in feet[: 1 if len(corners) == 1 else _FOLLOWED])
+            found.append(NearMaps(feet[0].distance if feet else math.inf, [each for each in maps if each is not None]))
+        return found
+
+    def _map(
+        self, corners: np.ndarray, point: np.ndarray, foot: SurfaceFoot, u: np.ndarray | None = None
+    ) -> FootMap | None:
+        """Return the map that follows the foot of a point, with a vector across the surface; None if it fails."""
+        free = ~foot.held
+        slope = np.where(free, self.slopes(foot.point), 0.0)
+        length = float(np.linalg.norm(slope))
+        moved = foot.point + (corners - point) @ foot.moves.T
+        moved = moved if u is None else moved + (foot.point - u @ moved)
+        if length == 0:
+            is_zero = float(self.values(foot.point)) == 0
+            return FootMap(0, np.tile(foot.point, (len(corners), 1)), np.zeros(3)) if is_zero else None
+        normal = slope / length
+        rows = np.clip(moved, self.lower, self.upper)
+        for _ in range(2):
+            s = self._along(grid(len(corners), _GRIDS[len(corners)]) @ rows, normal)
+            if s is None:
+                return None
+            reach = _WIDER * float(np.max(np.abs(s))) + _THIN * self.size
+            way = normal * reach
+            low, high = self.lower + np.abs(way), self.upper - np.abs(way)
+            if np.any(low > high):
+                return None
+            rows = np.where(free, np.clip(rows, low, high), foot.point)
+        unit = 2.0 ** np.ceil(np.log2(self.size)) / _BITS
+        rounded = np.where(free, np.round(rows / unit) * unit, foot.point)
+        rounded = np.where(free & ((rounded < low) | (rounded > high)), rows, rounded)
+        return FootMap(0, rounded, self.without_tiny(np.where(free, way * (1 - 1e-9), 0.0)))
+
+    @override
+    def moved(
+        self, corners: np.ndarray, foot: FootMap, u: np.ndarray, point: np.ndarray, position: float
+    ) -> FootMap | None:
+        found = self.foot(point, u @ foot.rows + position * foot.way)
+        return None if found is None else self._map(corners, point, found, u)
+
+    @override
+    def feet_at(self, foot: FootMap, shares: np.ndarray) -> np.ndarray:
+        return shares @ foot.rows
+
+    @override
+    def crossings(self, foot: FootMap, feet: np.ndarray) -> np.ndarray | None:
+        length = float(np.linalg.norm(foot.way))
+        if length == 0 or not len(feet):
+            return np.zeros(len(feet))
+        s = self._along(feet, foot.way / length)
+        return None if s is None else s / length
+
+    def _along(self, q: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
+        """Return the distances along the normal from points to the surface; None if Newton's method finds none."""
+        s = np.zeros(len(q))
+        for _ in range(_NEWTON):
+            at = q + s[:, None] * normal
+            slope = self.slopes(at) @ normal
+            s = s - self.values(at) / np.where(slope != 0, slope, 1.0)
+            if np.max(np.abs(s)) > self.size:
+                return None
+        good = np.abs(self.values(q + s[:, None] * normal)) <= 1e-9 * (1e-3 + np.abs(slope)) * self.size
+        return s if np.all(good & (slope > 0)) else None
 
     def _on_grid(self) -> np.ndarray:
         """Return zeros on the edges of a grid, and nodes that are zeros."""

@@ -11,7 +11,8 @@ import jhd
 from jhd._distance.certificate import verification
 from jhd._distance.certificate.certificate import certify
 from jhd._distance.certificate.multipliers import multipliers
-from jhd._distance.certificate.sides import ShapeSide, plain_shape
+from jhd._distance.certificate.shape_side import ShapeSide
+from jhd._distance.certificate.sides import plain_shape
 from tests.distance.certificate.made import sampled, sampled_distance
 from tests.processes import python
 from tests.sweeps import swept

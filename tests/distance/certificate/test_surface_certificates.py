@@ -11,7 +11,7 @@ import pytest
 
 import jhd
 from jhd._distance.certificate.certificate import certify
-from jhd._distance.certificate.sides import ShapeSide
+from jhd._distance.certificate.shape_side import ShapeSide
 from jhd._distance.certificate.verification import CertificateError, verify
 from jhd._distance.certificate.verification.convexity import failure_in_space
 from jhd._distance.certificate.verification.polynomials import elevated, from_coefficients, powers, total
@@ -170,7 +170,7 @@ def test_what_is_false_has_none():
     for value, reason in ((THERE - 1e-6, "upper bound"), (THERE + 1e-6, "lower bound")):
         with pytest.raises(jhd.NotProvenError, match=reason):
             certify(POINT, flat(0), claim(value - SLACK, value + SLACK))
-    with pytest.raises(jhd.NotProvenError, match="is farther away"):
+    with pytest.raises(jhd.NotProvenError, match="farther from the other shape"):
         certify(flat(0), POINT, claim(0.0, BACK - 1e-6))
     with pytest.raises(ValueError, match=r"b has degrees \(0, 0, 11\); certificates go up to 10 in each variable"):
         certify(POINT, flat(0, "z^11 - 1/2"), claim(0.0, 2.0))
