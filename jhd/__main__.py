@@ -250,7 +250,7 @@ def _parser() -> argparse.ArgumentParser:
     smooth = "continuous tangents at the joints (default: corners allowed)"
     fit.add_argument("--smooth", action="store_true", help=smooth)
     seconds = "time in seconds after which the best fit so far is returned (default: none)"
-    fit.add_argument("--max-seconds", type=float, metavar="S", help=seconds)
+    fit.add_argument("--max-seconds", type=lengths.seconds, metavar="S", help=seconds)
     _add_out(fit, "fitted curve", ".svg or .json")
     shown = "both curves, the witness and the distance profiles"
     fit.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
@@ -261,7 +261,9 @@ def _parser() -> argparse.ArgumentParser:
     both = "both shapes, each a SHAPE, to compare with the shapes of the certificate (default: none)"
     verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help=both)
     verify.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-    verify.add_argument("--max-seconds", type=float, metavar="S", help="time limit in seconds (default: none)")
+    verify.add_argument(
+        "--max-seconds", type=lengths.seconds, metavar="S", help="time limit in seconds (default: none)"
+    )
 
     _add_others(commands)
     for command in dict.fromkeys(commands.choices.values()):  # one of two names is there once
@@ -366,7 +368,7 @@ def _add_deviation(commands: Any) -> None:
     within = "distance up to which the fraction of A is printed too"
     parser.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=within)
     quantile = "fraction of A whose quantile is printed and must reach the tolerance too, for example 0.95"
-    parser.add_argument("--quantile", type=float, metavar="FRACTION", help=quantile)
+    parser.add_argument("--quantile", type=lengths.fraction, metavar="FRACTION", help=quantile)
     shown = "A colored by its distance, with a histogram"
     parser.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     parser.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
@@ -376,11 +378,11 @@ def _add_deviation(commands: Any) -> None:
 def _add_tolerances(parser: Any, atol: str = _ATOL_HELP, rtol: float | None = None) -> None:
     parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=atol)
     help_ = _RTOL_HELP.format("0" if rtol is None else f"{rtol:g}")
-    parser.add_argument("--rtol", type=float, default=rtol, metavar="FRACTION", help=help_)
+    parser.add_argument("--rtol", type=lengths.fraction, default=rtol, metavar="FRACTION", help=help_)
 
 
 def _add_max_seconds(parser: Any, limit: str = _SECONDS_HELP) -> None:
-    parser.add_argument("--max-seconds", type=float, metavar="S", help=limit)
+    parser.add_argument("--max-seconds", type=lengths.seconds, metavar="S", help=limit)
 
 
 def _add_out(parser: Any, content: str, suffixes: str, required: bool = False) -> None:
@@ -400,12 +402,14 @@ def _add_search(parser: Any) -> None:
 
 def _add_collections(commands: Any) -> None:
     epilog = _MANY_EPILOG + _LENGTH_EPILOG
-    pairwise = _added(commands, "pairwise", "Hausdorff distances of all pairs of many shapes", epilog)
+    pairwise = _added(commands, "pairwise", "two-sided Hausdorff distances of all pairs of many shapes", epilog)
     pairwise.add_argument("shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes, see below")
     store = "folder for finished distances; a later call continues from it (default: none)"
     pairwise.add_argument("--store", metavar="FOLDER", help=store)
 
-    nearest = _added(commands, "nearest", "nearest of many shapes by the Hausdorff distance, certified", epilog)
+    nearest = _added(
+        commands, "nearest", "nearest of many shapes by the two-sided Hausdorff distance, certified", epilog
+    )
     nearest.add_argument("query", metavar="QUERY", type=_as_given, help="query shape or shapes, see below")
     nearest.add_argument(
         "shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes among which to search, see below"
@@ -416,7 +420,7 @@ def _add_collections(commands: Any) -> None:
     nearest.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     nearest.add_argument("--html", metavar="FILE", help="file for an HTML page with the same picture")
 
-    duplicates = _added(commands, "duplicates", "pairs of many shapes within a Hausdorff distance", epilog)
+    duplicates = _added(commands, "duplicates", "pairs of many shapes within a two-sided Hausdorff distance", epilog)
     duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes, see below")
     threshold = "largest Hausdorff distance of a pair"
     duplicates.add_argument("--threshold", type=lengths.length, required=True, metavar="LENGTH", help=threshold)

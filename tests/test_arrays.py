@@ -40,7 +40,6 @@ def test_numbers_of_half_precision_pass():
     [
         (1j, "complex128"),
         ([1.0, 2j], "complex128"),
-        ("1.0", "<U3"),
         (["a", "b"], "<U1"),
         (None, "object"),
         ([len], "object"),

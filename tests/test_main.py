@@ -264,13 +264,13 @@ def test_results_are_written_to_files(run):
 
 
 def test_a_relative_tolerance_ends_the_search_of_a_distance(run):
-    def found(command, tolerance):
-        stored = json.loads(run(command, "M0 0 Q2 1 4 0", "M0 5 C1 4 3 6 4 5", "--rtol", tolerance, "--json")[1])
+    def found(command, text, tolerance):
+        stored = json.loads(run(command, "M0 0 Q2 1 4 0", "M0 5 C1 4 3 6 4 5", "--rtol", text, "--json")[1])
         assert stored["context"]["rtol"] == tolerance
         return stored["solution"]["upper"], stored["solution"]["upper"] - stored["solution"]["lower"]
 
     for command in ("hausdorff", "minimum"):
-        (upper, wide), (_, narrow) = found(command, 0.1), found(command, 1e-9)
+        (upper, wide), (_, narrow) = found(command, "10%", 0.1), found(command, "1e-9", 1e-9)
         assert narrow < wide <= 0.1 * upper
 
 
@@ -422,7 +422,10 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
     [
         (["measure"], "invalid choice: 'measure'"),
         (["hausdorff", BASE], "the following arguments are required: B"),
-        (["hausdorff", BASE, DIAGONAL, "--atol", "small"], "argument --atol: invalid length value"),
+        (
+            ["hausdorff", BASE, DIAGONAL, "--atol", "small"],
+            "argument --atol: needs a length of at least 0 in input units, or a percentage such as 0.1%; got 'small'",
+        ),
         (["hausdorff", BASE, "missing.svg"], "missing.svg: no such file"),
         (["hausdorff", BASE, "broken.svg"], "broken.svg:"),
         (["hausdorff", BASE, "notes.txt"], "notes.txt:2: needs numbers; found 'three four'"),
@@ -432,14 +435,17 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
         (["hausdorff", BASE, DIAGONAL, "--method", "Guess"], "unknown method 'Guess'; there are "),
         (["hausdorff", BASE, DIAGONAL, "--plot", "no/folder/a.png"], "no/folder/a.png: no such folder"),
         (
-            ["hausdorff", BASE, DIAGONAL, "--method", "TwoStep", "--atol", "-1"],
+            ["hausdorff", BASE, DIAGONAL, "--method", "TwoStep", "--atol", "1"],
             "--atol: TwoStep takes no tolerance; leave it out.",
         ),
         (
             ["hausdorff", BASE, DIAGONAL, "--method", "TwoStep", "--rtol", "0.1", "--atol", "1%"],
             "--rtol and --atol: ",
         ),
-        (["hausdorff", BASE, DIAGONAL, "--rtol", "-1"], "rtol is -1; needs a number of at least 0"),
+        (
+            ["hausdorff", BASE, DIAGONAL, "--rtol", "-1"],
+            "argument --rtol: needs a number of at least 0, or a percentage",
+        ),
         (["minimum", BASE, DIAGONAL, "--out", "a.csv"], "a.csv: the name must end in .json."),
         (["hausdorff", BASE, DIAGONAL, "-o", "none/a.json"], "none/a.json: no such folder."),
         (["project", BASE, "1", "2", "-o", "a.txt"], "a.txt: the name must end in .csv or .json."),
@@ -543,7 +549,10 @@ def test_a_fit_hears_its_limits_and_names_its_results(run, monkeypatch):
     ("options", "message"),
     [
         (("--tolerance", "0"), "tolerance is 0.0; needs one positive number."),
-        (("--tolerance", "1", "--max-seconds", "0"), "max_seconds is 0.0; needs a positive number."),
+        (
+            ("--tolerance", "1", "--max-seconds", "0"),
+            "argument --max-seconds: needs a positive number of seconds; got '0'",
+        ),
         (("--tolerance", "1", "--out", "fit.txt"), "fit.txt: the name must end in .svg or .json."),
         (("--tolerance", "1", "--out", "none/fit.svg"), "none/fit.svg: no such folder."),
         ((), "--tolerance"),

@@ -94,7 +94,10 @@ def test_what_is_refused_is_told_in_one_line(run):
         (("pairwise", "sets", "--method", "TwoStep", "--rtol", 1), "--rtol: TwoStep takes no tolerance; leave it out."),
         (("nearest", "sets/a.npy", "sets", "--method", "TwoStep"), "method must be BranchAndBound()"),
         (("duplicates", "sets", "--threshold", 1, "--method", "Guess"), "unknown method 'Guess'; there are "),
-        (("pairwise", "sets", "--rtol", "-1"), "rtol is -1; needs a number of at least 0."),
+        (
+            ("pairwise", "sets", "--rtol", "-1"),
+            "argument --rtol: needs a number of at least 0, or a percentage such as 0.1%; got",
+        ),
         (("pairwise", "sets", "-o", "a.txt"), "a.txt: the name must end in .csv or .json."),
         (("duplicates", "sets", "--threshold", 1, "--out", "none/a.csv"), "none/a.csv: no such folder."),
         (("pairwise", "sets", "--box", -2, 2), "--box is for implicit surfaces, and there is none among the shapes"),

@@ -1,6 +1,7 @@
 """The command line on lengths as shares, thresholds, and shapes of any kinds beside each other."""
 
 import json
+from argparse import ArgumentTypeError
 
 import numpy as np
 import pytest
@@ -46,8 +47,8 @@ def test_a_length_is_a_number_or_a_share_of_the_diagonal():
     assert length(" 0.1%").of(curve) == 0.005
     assert rounded_diagonal(jhd.polyline([(0, 0), (2, 0)]), jhd.polyline([(0, 1), (1, 1)])) == 2.236
     assert share_text(1.0, 0.0) == share_text(np.inf, 1.0) == "" and share_text(1 / 3, 2.0) == "16.7%"
-    for text in ("%", "1%2", "a%", ""):
-        with pytest.raises(ValueError):
+    for text in ("%", "1%2", "a%", "", "-1", "nan"):
+        with pytest.raises(ArgumentTypeError):
             length(text)
 
 
@@ -124,12 +125,18 @@ def test_a_parametric_surface_is_named_by_its_patches_and_parameters(run):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("hausdorff", BASE, DIAGONAL, "--threshold", "-1"), "--threshold is -1; needs a length of at least 0."),
-        (("minimum", BASE, DIAGONAL, "--threshold", "nan"), "--threshold is nan; needs a length of at least 0."),
+        (
+            ("hausdorff", BASE, DIAGONAL, "--threshold", "-1"),
+            "argument --threshold: needs a length of at least 0 in input units, or a percentage",
+        ),
+        (
+            ("minimum", BASE, DIAGONAL, "--threshold", "nan"),
+            "--threshold: needs a length of at least 0 in input units, or a percentage such as 0.1%; got 'nan'",
+        ),
         (("hausdorff", BASE, DIAGONAL, "--threshold", "1", "--plot", "a.png"), "--plot: with --threshold the search"),
         (("hausdorff", BASE, DIAGONAL, "--threshold", "1", "--certificate", "a.json"), "--certificate: with --thresh"),
         (("hausdorff", BASE, DIAGONAL, "--threshold", "1", "--method", "TwoStep"), "TwoStep"),
-        (("hausdorff", BASE, DIAGONAL, "--atol", "1%%"), "argument --atol: invalid length value: '1%%'"),
+        (("hausdorff", BASE, DIAGONAL, "--atol", "1%%"), "or a percentage such as 0.1%; got '1%%'"),
         (("minimum", BASE, "low.ply"), "a has 2 coordinates a point and b has 3; needs the same."),
         (("deviation", "z", "low.ply", "--box", "-2", "2"), "whose area is not certified"),
         (("deviation", "z", "low.ply"), "A is a polynomial; give the box of its surface"),

@@ -119,7 +119,7 @@ def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
     if any(given.values()):
         name = next(name for name, value in given.items() if value)
         raise ValueError(f"{name}: with --threshold the search ends before the farthest point is known; leave it out.")
-    limit = _limit(options, a, b)
+    limit = options.threshold.of(a, b)
     chosen = {"directed": options.directed, "max_seconds": options.max_seconds}
     decide = partial(jhd.hausdorff_at_most, a, b, limit, method, **chosen)
     with busy("computing; a first run compiles") as show:
@@ -128,18 +128,11 @@ def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
     return _print_decision(options, a, b, _title(options), found, seconds, asked)
 
 
-def _limit(options: Namespace, a: Any, b: Any) -> float:
-    limit = options.threshold.of(a, b)
-    if not limit >= 0:
-        raise ValueError(f"--threshold is {options.threshold.text}; needs a length of at least 0.")
-    return limit
-
-
 def _print_decision(
     options: Namespace, a: Any, b: Any, title: str, found: Decision, seconds: float, asked: dict[str, Any]
 ) -> int:
     """Print the answer with the bounds reached, and return its exit status."""
-    size, limit = rounded_diagonal(a, b), _limit(options, a, b)
+    size, limit = rounded_diagonal(a, b), options.threshold.of(a, b)
     status = INTERRUPTED if interrupted(found) else _STATUS[name_of(found.answer)]
     asked |= {"a": options.a, "b": options.b, "threshold": limit, **tolerances_of(options, a, b), **box_of(a, b)}
     if delivered(options, found, **asked, diagonal=size, seconds=seconds):
@@ -165,7 +158,7 @@ def minimum(options: Namespace) -> int:
         if options.certificate or options.plot:
             name = "--certificate" if options.certificate else "--plot"
             raise ValueError(f"{name}: with --threshold the nearest points are not known; leave it out.")
-        limit = _limit(options, a, b)
+        limit = options.threshold.of(a, b)
         with busy("computing; a first run compiles") as show:
             decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, **chosen, progress=show))
         return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
@@ -195,7 +188,7 @@ def deviation(options: Namespace) -> int:
     check_drawn(options, a.dim)
     check_writable(options.out, ".json")
     tolerances = tolerances_of(options, a, b)
-    threshold = None if options.threshold is None else _limit(options, a, b)
+    threshold = None if options.threshold is None else options.threshold.of(a, b)
     q = options.quantile
     asked = {"rtol": options.rtol, "atol": tolerances["atol"], "quantile": q, "throw": False}
     asked["max_seconds"] = options.max_seconds

@@ -1,8 +1,9 @@
-"""Lengths of the command line: numbers, or percentages of the diagonal of the joint bounding box, for example 0.1%.
+"""Numbers of the command line: lengths, which may be percentages of the diagonal of the joint bounding box, and others.
 
 The diagonal and its fractions are rounded to four digits, so that the printed numbers are the numbers used.
 """
 
+import argparse
 import math
 from typing import Any, NamedTuple
 
@@ -28,15 +29,30 @@ class Length(NamedTuple):
 
 
 def length(text: str) -> Length:
-    """The length written in a text.
+    """The length written in a text; argparse adds the name of the option to errors, here and below."""
+    number = _number(text, "a length of at least 0 in input units, or a percentage such as 0.1%")
+    return Length(number, "%" in text, text.strip())
 
-    Raises:
-        ValueError: the text is no length.
-    """
-    number, sign, rest = text.strip().partition("%")
-    if rest:
-        raise ValueError(f"{text!r} is no length; needs a number, or a percentage such as 0.1%")
-    return Length(float(number) / 100 if sign else float(number), bool(sign), text.strip())
+
+def fraction(text: str) -> float:
+    """The fraction written in a text."""
+    return _number(text, "a number of at least 0, or a percentage such as 0.1%")
+
+
+def seconds(text: str) -> float:
+    """The time written in a text."""
+    return _number(text, "a positive number of seconds", least=math.ulp(0.0), sign="")
+
+
+def _number(text: str, needed: str, least: float = 0.0, sign: str = "%") -> float:
+    word = text.strip()
+    try:
+        number = float(word[:-1]) / 100 if sign and word.endswith(sign) else float(word)
+    except ValueError:
+        number = math.nan
+    if not number >= least:
+        raise argparse.ArgumentTypeError(f"needs {needed}; got {word!r}")
+    return number
 
 
 def rounded_diagonal(*shapes: Any) -> float:

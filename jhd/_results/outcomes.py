@@ -17,7 +17,10 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     if TYPE_CHECKING:
         # Inherited; type checkers would take it for a member of the base class alone.
         successful = ""
-    gap_not_closed = "The bounds are true but wider than the tolerance: raise max_steps, or raise atol or rtol."
+    gap_not_closed = (
+        "The bounds are true but wider than the tolerance: raise max_steps, or atol or rtol if rounding keeps them "
+        "apart."
+    )
     capacity_reached = (
         "The search ran out of room, so the result is true but wider or incomplete: raise queue_size, max_cells, "
         "max_boxes or capacity, whichever the call takes, or atol or rtol."

@@ -144,11 +144,8 @@ def real_array(name: str, value: Any) -> Array:
         return value.astype(float)
     if is_traced(value):
         return jnp.asarray(value, dtype=float)
-    if _is_percentage(value):
-        if name == "rtol":
-            raise TypeError(f"rtol is {value!r}; needs a number: {value[:-1]} / 100.")
-        share = f"{value[:-1]} / 100 * np.linalg.norm(np.subtract(*shape.bounds))"
-        raise TypeError(f"{name} is {value!r}; needs a number; for the diagonal of a shape's box, this is {share}.")
+    if isinstance(value, str):
+        raise TypeError(f"{name} is {value!r}; needs {_instead(name, value)}.")
     given = bare_array(name, value)
     if given.dtype.kind not in "fiub" and given.dtype.name != "bfloat16":
         raise TypeError(f"{name} must be real numbers; its dtype is {given.dtype}.")
@@ -159,8 +156,14 @@ def real_array(name: str, value: Any) -> Array:
     return array
 
 
-def _is_percentage(value: object) -> bool:
-    return isinstance(value, str) and value.endswith("%")
+def _instead(name: str, text: str) -> str:
+    """What to pass instead of a text."""
+    if not text.endswith("%"):
+        return "numbers"
+    share = f"{text[:-1]} / 100"
+    if name == "rtol":
+        return f"a number: {share}"
+    return f"a number; for the diagonal of a shape's box, this is {share} * np.linalg.norm(np.subtract(*shape.bounds))"
 
 
 def check_finite(name: str, array: ArrayLike) -> None:

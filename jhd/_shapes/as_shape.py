@@ -5,6 +5,7 @@ PolyData. Splines: SciPy, geomdl, splinepy. Outlines: shapely, matplotlib's path
 packages.
 """
 
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any, cast
 
@@ -76,9 +77,13 @@ def check_shape(name: str, value: object) -> None:
 
 
 def check_several(name: str, shapes: object) -> None:
-    """Raise TypeError if one shape, or an object that is not a list, is passed instead of a list of shapes."""
+    """Raise TypeError if something else is passed instead of a list of shapes: one shape, a dictionary, an array."""
     if isinstance(shapes, Shape):
         raise TypeError(f"{name} must be a list of shapes; got a single {type(shapes).__name__}.")
+    if isinstance(shapes, Mapping):
+        raise TypeError(f"{name} must be a list of shapes; got {type(shapes).__name__}: pass list({name}.values()).")
+    if getattr(shapes, "ndim", None) == 2:
+        raise TypeError(f"{name} must be a list of shapes; got one array: for one set of points, pass [points].")
     if not hasattr(shapes, "__iter__") and not hasattr(shapes, "__getitem__"):
         raise TypeError(f"{name} must be a list of shapes; got {type(shapes).__name__}.")
 

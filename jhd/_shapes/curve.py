@@ -167,13 +167,16 @@ class AbstractCurve(eqx.Module):
 class BezierSegments(AbstractCurve):
     """A union of polynomial or rational Bezier segments of one degree, in the plane or in space.
 
-    Ends that meet are stored twice, once in each segment. To move an outline without tearing it, build both copies from
-    one array.
+    Ends that meet are stored twice, once in each segment. To move a joint without tearing the curve, move both copies;
+    the gradient with respect to the joint is the sum of both rows.
 
     >>> import jhd
     >>> corner = jhd.BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
     >>> corner.count, corner.next_segment.tolist()
     (2, [1, -1])
+    >>> moved = jhd.BezierSegments(corner.control_points.at[[0, 1], [1, 0]].add(0.5))
+    >>> moved.next_segment.tolist()
+    [1, -1]
 
     Args:
         control_points: (segments, points, dim) coordinates with dim 2 or 3, in any unit of length; distances have the

@@ -289,11 +289,11 @@ DEFECTS = [
         "_cli/lengths.py",
         "test_main_comparisons.py",
         (
-            "float(number) / 100 if sign else float(number)",
-            "float(number)",
+            'return Length(number, "%" in text, text.strip())',
+            "return Length(number, False, text.strip())",
             "test_a_length_is_a_number_or_a_share_of_the_diagonal",
         ),
-        ("if rest:", "if False:", "test_a_length_is_a_number_or_a_share_of_the_diagonal"),
+        ("if not number >= least:", "if False:", "test_a_length_is_a_number_or_a_share_of_the_diagonal"),
     ),
     *within(
         "_runtime/forks.py",

@@ -314,6 +314,9 @@ def test_what_is_no_collection_is_refused(as_a_user):
     for call in (jhd.pairwise, jhd.nearest_shapes, jhd.pivot_distances):
         with pytest.raises(TypeError, match=one):
             call(CURVES[0], CURVES[1])
+    for given, got in (({"a": CURVES[0]}, r"dict: pass list\(shapes\.values\(\)\)"), (np.zeros((5, 2)), "one array")):
+        with pytest.raises(TypeError, match=f"shapes must be a list of shapes; got {got}"):
+            jhd.nearest_shapes(CURVES, given)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="shapes must be a list of shapes; got NoneType"):
         jhd.pairwise(None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="executor is 3; needs a concurrent.futures.Executor"):

@@ -406,7 +406,7 @@ FEW: Any = "few"
         ([np.nan, 1.0], ValueError, "points[0] is not finite: nan."),
         ([[0.0, 1.0], [np.inf, 1.0]], ValueError, "points[1] is not finite: (inf, 1)."),
         ([1j, 0], TypeError, "points must be real numbers; its dtype is complex128."),
-        ("ab", TypeError, "points must be real numbers; its dtype is <U2."),
+        ("ab", TypeError, "points is 'ab'; needs numbers."),
     ],
     ids=str,
 )

@@ -213,7 +213,7 @@ def certify(
     Raises:
         TypeError: a shape or solution of another kind, a traced object or a batch.
         ValueError: the dimensions differ, a polynomial has too high a degree, `slack` is negative, `max_cells` is not a
-            positive whole number, or `directed` is True for a minimum distance.
+            positive whole number, or `directed` is True for a minimum distance or a two-sided HausdorffSolution.
         NotProvenError: a bound of the solution could not be certified for these shapes, needs more cells or takes
             longer than `max_seconds`. For implicit surfaces: a bound rests on points without a change of sign, which
             prove nothing.

@@ -26,7 +26,7 @@ class UncoveredError(Exception):
         """Return the error for a point at parameters of a piece that is farther away than the bound."""
         return cls(
             f"the point of piece {piece} at {x.tolist()} is farther from the other shape than this bound. "
-            "Pass the solution of these two shapes, or a larger slack."
+            "Pass the solution of these two shapes in this order, or a larger slack."
         )
 
     @classmethod

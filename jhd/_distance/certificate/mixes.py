@@ -97,6 +97,10 @@ def asked_of(solution: HausdorffSolution | Decision, directed: bool, slack: floa
     """Return the claim of a solution, or of the bound that answers a decision, widened by `slack`."""
     if isinstance(solution, Decision):
         directed = directed or solution.distance == "directed"
+    elif directed and not solution.directed:
+        raise ValueError(
+            "directed is True, but the solution is two-sided: pass the one of jhd.directed_hausdorff(a, b)."
+        )
     else:
         directed = solution.directed
     return ToProve("directed" if directed else "two_sided", *_bounds_of(solution, slack), solution)

@@ -149,7 +149,7 @@ def pairwise(
     max_seconds: float | None = None,
     progress: Report = None,
 ) -> Pairwise:
-    """All Hausdorff distances of two collections, or within one, each with certified bounds.
+    """All two-sided Hausdorff distances of two collections, or within one, each with certified bounds.
 
     The result of a pair is bitwise identical, whatever its position, the executor and the other shapes. Ctrl-C ends the
     call with the finished distances. All devices of a process take part. Processes of jax.distributed can each measure
@@ -209,7 +209,7 @@ def nearest_shapes(
     max_seconds: float | None = None,
     progress: Report = None,
 ) -> Neighbors:
-    """The k nearest shapes of each query by Hausdorff distance, certified.
+    """The k nearest shapes of each query by the two-sided Hausdorff distance, certified.
 
     Shapes are compared at their positions: nothing is aligned or scaled. If `queries` is `shapes`, each query is its
     own nearest shape; pass k + 1 to get k others. Shapes often tie, and ties are listed.
@@ -275,7 +275,7 @@ def pairs_within(
     max_seconds: float | None = None,
     progress: Report = None,
 ) -> PairsWithin:
-    """All pairs of shapes that are at most `threshold` apart, each certified.
+    """All pairs of shapes whose two-sided Hausdorff distance is at most `threshold`, each certified.
 
     Bounds by distances from a lattice of points leave few pairs. The search of each remaining pair ends as soon as its
     bounds are on one side of the threshold. Ctrl-C ends the call with the decisions so far, once the candidates are

@@ -75,7 +75,9 @@ def made():
 
 
 def test_a_certificate_shows_its_claim(made):
-    *_, solution, certificate = made
+    a, b, solution, certificate = made
+    with pytest.raises(ValueError, match=r"the solution is two-sided: pass the one of jhd\.directed_hausdorff"):
+        certify(a, b, solution, directed=True)
     assert repr(certificate).endswith(f", {certificate.cells} cells)") and " <= H(A, B) <= " in repr(certificate)
     assert (certificate.lower, certificate.upper) == (float(solution.lower), float(solution.upper))
 
