@@ -316,7 +316,7 @@ class NetTarget(AbstractTarget):
             hard = np.flatnonzero(hard[cells.who] & (lower < goal()[cells.who]))
             if len(hard):
                 some = cells.take(hard)
-                squares, across = distances_by_squares(net, points[some.who], *some[1:4])
+                squares, across = distances_by_squares(net, points[some.who], *some[1:4], goal()[some.who])
                 lower[hard] = np.maximum(lower[hard], squares)
                 axis = axis.copy()
                 axis[hard] = across

@@ -1,18 +1,20 @@
 """Bounds of distances by Bernstein coefficients of squares, against exact arithmetic and dense samples."""
 
 from fractions import Fraction
+from math import comb
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jhd
+from jhd._arithmetic.trivariate import bernstein_conversion
 from jhd._distance.cells.squared_distance_bounds import distances_by_squares
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.nets import net_of
 from jhd._distance.search import on_patches
 from jhd._distance.search.on_patches import NetTarget
-from tests.distance.test_families import cylinder, paraboloid, revolved, sphere, torus
+from tests.distance.test_families import cylinder, revolved, sphere, torus
 from tests.sweeps import swept
 
 GRID = np.linspace(0.0, 1.0, 33)
@@ -52,19 +54,50 @@ def test_bounds_are_below_dense_samples_and_near_them_on_small_parts(shape, rati
             assert size > 0.1 or ratio > 100 or found[k] >= near * 0.99 - 0.01
 
 
-def test_across_a_curve_of_nearest_points_bounds_are_short_by_the_third_power_of_the_size():
-    # From (0, 0, 3/2) a circle of z = x^2 + y^2 is nearest, which crosses the cells at all angles.
-    net, place = net_of(paraboloid()), np.array([0, 0, 1.5])
+def bowl(power):
+    """The graph of (x^2 + y^2)^power above [-1, 1]^2, for powers up to two."""
+    n = 2 * power
+    rows = bernstein_conversion(n)
+    coefficients = np.zeros((n + 1, n + 1))
+    for k in range(power + 1):
+        coefficients[2 * k, n - 2 * k] = comb(power, k)
+    x, y = np.meshgrid(*[np.linspace(-1, 1, n + 1)] * 2, indexing="ij")
+    return jhd.BezierPatch(np.stack([x, y, rows @ coefficients @ rows.T], axis=-1))
+
+
+def squared_distance_of_bowl(power, height):
+    """The squared distance of (0, 0, height) from a bowl: the least value of r + (r^power - height)^2 for r >= 0."""
+    powers = np.zeros(2 * power + 1)
+    powers[[0, power]] = 1, -2 * height
+    powers[-1] = height**2
+    powers[-2] += 1
+    roots = np.roots(np.polyder(powers))
+    return min(np.polyval(powers, r.real) for r in roots if abs(r.imag) < 1e-9 and r.real >= 0)
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_across_a_curve_of_nearest_points_bounds_are_short_by_the_fourth_power_of_the_size(power):
+    # From (0, 0, 1) a circle is nearest, which crosses the cells at all angles.
+    net, place = net_of(bowl(power)), np.array([0, 0, 1.0])
+    exact = np.sqrt(squared_distance_of_bowl(power, 1.0))
+    radius = {1: np.sqrt(0.5), 2: np.sqrt(np.max(np.roots([1, 0, -1, 0.25])))}[power]
     angles = np.random.default_rng(2).uniform(0, 2 * np.pi, 40)
-    middle = 0.5 + 0.5 * 0.999 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    middle = 0.5 + 0.5 * radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     short = []
-    for half in (2.0**-7, 2.0**-9):
-        low, high = np.clip(middle - half, 0, 1), np.clip(middle + half, 0, 1)
-        found = distances_by_squares(net, np.tile(place, (40, 1)), np.zeros(40, int), low, high)[0]
-        assert np.all(found <= np.sqrt(1.25))
-        short.append(np.max(np.sqrt(1.25) - found))
-    # By the second power it would be a sixteenth.
-    assert short[0] < 1e-4 and short[1] < short[0] / 40
+    for half in (2.0**-6, 2.0**-8):
+        found = distances_by_squares(net, np.tile(place, (40, 1)), np.zeros(40, int), middle - half, middle + half)[0]
+        assert np.all(found <= exact * (1 + 1e-15))
+        short.append(np.max(exact - found))
+    # By the third power it would be 1/64. Of a paraboloid the square is exact.
+    assert short[0] < 1e-5 and short[1] < short[0] / 128 + 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("power", "height"), [(1, 1.0), (1, 0.75), (1, 0.6), (2, 1.0), (2, 1.2)])
+def test_from_the_axis_of_a_bowl_a_circle_across_its_parameters_is_proven_to_be_nearest(power, height):
+    found = jhd.project(np.array([0, 0, height]), bowl(power))  # raises if the bounds stay open
+    exact = np.sqrt(squared_distance_of_bowl(power, height))
+    assert float(found.lower) <= exact * (1 + 1e-15) and exact * (1 - 1e-15) <= float(found.upper)
 
 
 def test_nothing_is_above_the_distance_of_a_corner_in_rational_numbers():
