@@ -32,24 +32,47 @@ DEGREE = 7
 # Exponents of the terms, by degree.
 EXPONENTS = sorted(((i, j) for i, j in cartesian(range(DEGREE + 1), repeat=2) if i + j <= DEGREE), key=sum)
 _COUNT = len(EXPONENTS)
-_DEGREES = np.array([i + j for i, j in EXPONENTS])
-_ROW = {powers: k for k, powers in enumerate(EXPONENTS)}
-# Row m, entry k: the number of the term whose product with term m is term k; the number after the last stands for zero.
-_FACTOR = np.array([[_ROW.get((k[0] - m[0], k[1] - m[1]), _COUNT) for k in EXPONENTS] for m in EXPONENTS])
-# Masks of the terms, and last of the rest, of each degree; the rest counts as one degree above the largest.
-_OF_DEGREE = np.append(_DEGREES, DEGREE + 1) == np.arange(DEGREE + 2)[:, None]
-# Mask of the products of two degrees that belong to the rest.
-_BEYOND = np.add.outer(np.arange(DEGREE + 2), np.arange(DEGREE + 2)) > DEGREE
 # Roundings of a coefficient of a product, and of the sums of its rest.
 _ROUNDINGS = 4 * _COUNT + 16
-# Bernstein coefficients on the square of all terms.
-_TO_BERNSTEIN = np.stack(
-    [np.outer(*(bernstein_conversion(DEGREE)[:, power] for power in powers)).ravel() for powers in EXPONENTS], axis=1
-)
+
+
+class _Tables(NamedTuple):
+    """Constant arrays for polynomials truncated at one degree.
+
+    Args:
+        degree: the degree.
+        factor: row m, entry k: the number of the term whose product with term m is term k, or the number of terms.
+        of_degree: masks of the terms, and last of the rest, of each degree; the rest counts as one degree above.
+        beyond: mask of the products of two degrees that belong to the rest.
+        to_bernstein: Bernstein coefficients on the square of all terms.
+    """
+
+    degree: int
+    factor: np.ndarray
+    of_degree: np.ndarray
+    beyond: np.ndarray
+    to_bernstein: np.ndarray
+
+
+@cache
+def _tables(count: int) -> _Tables:
+    """Return the tables for polynomials with this number of terms."""
+    exponents = EXPONENTS[:count]
+    degree = sum(exponents[-1])
+    row = {powers: k for k, powers in enumerate(exponents)}
+    factor = np.array([[row.get((k[0] - m[0], k[1] - m[1]), count) for k in exponents] for m in exponents])
+    degrees = np.append([i + j for i, j in exponents], degree + 1)
+    orders = np.arange(degree + 2)
+    matrix = bernstein_conversion(degree)
+    to_bernstein = np.stack([np.outer(*(matrix[:, power] for power in powers)).ravel() for powers in exponents], axis=1)
+    return _Tables(degree, factor, degrees == orders[:, None], np.add.outer(orders, orders) > degree, to_bernstein)
 
 
 class Truncated(NamedTuple):
-    """Functions on the square: coefficients of s^i t^j in the order of EXPONENTS, and a bound of their error."""
+    """Functions on the square: coefficients of s^i t^j in the order of EXPONENTS, and a bound of their error.
+
+    The terms are all terms up to some degree, at most DEGREE.
+    """
 
     terms: Array  # (terms, ...)
     rest: Array  # (...)
@@ -61,14 +84,16 @@ class Truncated(NamedTuple):
 
 
 def product(x: Truncated, y: Truncated) -> Truncated:
-    """The product."""
+    """The product of functions with as many terms."""
     padded = jnp.concatenate([y.terms, jnp.zeros_like(y.terms[:1])])
+    count = len(x.terms)
+    factor = _tables(count).factor
 
     # A loop compiles five times as fast as the sum written out.
     def add(m: Array, total: Array) -> Array:
-        return total + x.terms[m] * padded[jnp.asarray(_FACTOR)[m]]
+        return total + x.terms[m] * padded[jnp.asarray(factor)[m]]
 
-    terms = jax.lax.fori_loop(0, _COUNT, add, varying(jnp.zeros_like(x.terms + y.terms), x, y))
+    terms = jax.lax.fori_loop(0, count, add, varying(jnp.zeros_like(x.terms + y.terms), x, y))
     return Truncated(jnp.asarray(terms), _rest_of_product(x, y))
 
 
@@ -78,7 +103,7 @@ def _rest_of_product(x: Truncated, y: Truncated) -> Array:
     room = gamma(_ROUNDINGS, first.dtype)
     # x may hold more functions than y, side by side.
     second = second.reshape(len(second), *(1,) * (first.ndim - second.ndim), *second.shape[1:])
-    shares = np.where(_BEYOND, 1 + 2 * room, room).astype(first.dtype)
+    shares = np.where(_tables(len(x.terms)).beyond, 1 + 2 * room, room).astype(first.dtype)
     shares = shares.reshape(*shares.shape, *(1,) * (second.ndim - 1))
     return _known(jnp.sum(shares * first[:, None] * second, axis=(0, 1)))
 
@@ -91,7 +116,7 @@ def _known(rest: Array) -> Array:
 def _sizes(x: Truncated) -> Array:
     """The sums of the sizes of the terms of each degree, and last the rest."""
     rows = jnp.concatenate([jnp.abs(x.terms), x.rest[None]])
-    return jnp.tensordot(_OF_DEGREE.astype(rows.dtype), rows, 1, precision="highest")
+    return jnp.tensordot(_tables(len(x.terms)).of_degree.astype(rows.dtype), rows, 1, precision="highest")
 
 
 def plus(x: Truncated, y: Truncated) -> Truncated:
@@ -111,7 +136,7 @@ def scaled(x: Truncated, factor: Array | float) -> Truncated:
 def reciprocal(x: Truncated) -> Truncated:
     """One over functions; the rest is infinite if they may vanish.
 
-    With m the first term and d = x / m - 1 it is (1 - d + .. - d^7 + d^8 / (1 + d)) / m.
+    With m the first term, d = x / m - 1 and n the degree it is (1 - d + .. + (-d)^n + (-d)^(n + 1) / (1 + d)) / m.
     """
     dtype = x.terms.dtype
     middle = x.terms[0]
@@ -122,9 +147,10 @@ def reciprocal(x: Truncated) -> Truncated:
     size = less.size * (1 + gamma(_ROUNDINGS, dtype))
     one = Truncated(jnp.zeros_like(x.terms).at[0].set(1.0), jnp.zeros_like(x.rest))
     step = lambda _, total: plus(one, product(less, total))  # noqa: E731
-    total = jax.lax.fori_loop(0, DEGREE, step, varying(one, x))
+    degree = _tables(len(x.terms)).degree
+    total = jax.lax.fori_loop(0, degree, step, varying(one, x))
     near = (size < 1) & (middle != 0)
-    left = size ** (DEGREE + 1) / jnp.where(near, 1 - size, 1.0) * (1 + gamma(16, dtype))
+    left = size ** (degree + 1) / jnp.where(near, 1 - size, 1.0) * (1 + gamma(16, dtype))
     found = scaled(total._replace(rest=total.rest + left), 1 / safe)
     rest = found.rest + gamma(4, dtype) * found.size * (1 + gamma(_ROUNDINGS, dtype))
     return Truncated(found.terms, jnp.where(near, rest, jnp.inf))
@@ -146,7 +172,7 @@ def composed(form: Array, variables: Truncated) -> Truncated:
     plan = _monomials(shape)
     each = [Truncated(variables.terms[:, k], variables.rest[k]) for k in range(count)]
     # A product with a variable is one with a matrix, made once.
-    matrices = [jnp.concatenate([y.terms, jnp.zeros_like(y.terms[:1])])[_FACTOR] for y in each]
+    matrices = [jnp.concatenate([y.terms, jnp.zeros_like(y.terms[:1])])[_tables(_COUNT).factor] for y in each]
     last = jnp.moveaxis(variables.terms, 1, 0), variables.rest
     known = [last]
     for groups in plan.groups:
@@ -235,10 +261,10 @@ def composed_on_graph(form: Array, height: Truncated, loose: Array | float) -> T
 
 
 def bernstein_form(terms: Array) -> Array:
-    """Bernstein coefficients on the square, (DEGREE + 1, DEGREE + 1, ...), of terms (terms, ...)."""
-    matrix = _TO_BERNSTEIN.astype(terms.dtype)
-    values = jnp.tensordot(matrix, terms, 1, precision="highest")
-    return values.reshape(DEGREE + 1, DEGREE + 1, *terms.shape[1:])
+    """Bernstein coefficients on the square, (degree + 1, degree + 1, ...), of terms (terms, ...)."""
+    tables = _tables(len(terms))
+    values = jnp.tensordot(tables.to_bernstein.astype(terms.dtype), terms, 1, precision="highest")
+    return values.reshape(tables.degree + 1, tables.degree + 1, *terms.shape[1:])
 
 
 def largest(x: Truncated) -> Array:

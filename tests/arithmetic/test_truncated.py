@@ -29,7 +29,7 @@ def random_polynomials(rng, *shape):
 
 
 def value(terms, s, t):
-    return sum(Fraction(float(c)) * s**i * t**j for c, (i, j) in zip(terms, EXPONENTS, strict=True))
+    return sum(Fraction(float(c)) * s**i * t**j for c, (i, j) in zip(terms, EXPONENTS[: len(terms)], strict=True))
 
 
 def places(rng):
@@ -121,6 +121,24 @@ def test_reciprocals_stay_within_their_rests_and_know_nothing_beside_a_zero():
                 assert holds(found, case, exact, s, t)
     zero = jnp.asarray(x).at[1].set(jnp.asarray(x)[0])
     assert np.all(np.isinf(RECIPROCAL(Truncated(zero, jnp.asarray(rest))).rest))
+
+
+def test_polynomials_of_a_lower_degree_stay_within_their_rests():
+    rng = np.random.default_rng(7)
+    # All terms up to the fourth degree; a value of the last function is at least a half.
+    x = random_polynomials(rng, 3)[:15]
+    x[0, 2] = 1.5
+    nothing = jnp.zeros(CASES)
+    first, second, third = (Truncated(jnp.asarray(x[:, k]), nothing) for k in range(3))
+    square, inverse, most = PRODUCT(first, second), RECIPROCAL(third), LARGEST(first)
+    assert len(square.terms) == len(inverse.terms) == 15
+    for case in range(CASES):
+        for s, t in places(rng):
+            values = [value(x[:, k, case], s, t) for k in range(3)]
+            assert holds(square, case, values[0] * values[1], s, t)
+            assert holds(inverse, case, 1 / values[2], s, t)
+            assert values[0] <= Fraction(float(most[case]))
+    assert np.all(np.isfinite(inverse.rest)) and float(np.min(square.rest)) < 1e-9
 
 
 def test_the_largest_value_is_bounded_and_attained_at_corners():

@@ -128,8 +128,8 @@ DEFECTS = [
             "test_products_and_compositions_stay_within_their_rests",
         ),
         (
-            "np.where(_BEYOND, 1 + 2 * room, room)",
-            "np.where(_BEYOND, 0.0, room)",
+            "np.where(_tables(len(x.terms)).beyond, 1 + 2 * room, room)",
+            "np.where(_tables(len(x.terms)).beyond, 0.0, room)",
             "test_products_and_compositions_stay_within_their_rests",
         ),
         (

@@ -15,7 +15,7 @@ from jaxtyping import Array
 from jhd._arithmetic.rounding import smallest_normal
 from jhd._arithmetic.simplices import fitting
 from jhd._distance.cells.pairs import newton_step
-from jhd._distance.normalization.net_jets import Net, jet
+from jhd._distance.normalization.net_jets import Net, NetJet, jet
 
 # How far towards the middle of a cell the points lie whose feet are followed.
 INSET = 0.125
@@ -87,7 +87,11 @@ def foot_between(b: Net, place: Array, start: Array, steps: int, low: Array | fl
 
 def _nearer(b: Net, place: Array, x: Array, low: Array | float, high: Array | float) -> Array:
     """Return x after one step of Newton's method, kept between `low` and `high`."""
-    at = jet(b, x)
+    return stepped(jet(b, x), place, x, low, high)
+
+
+def stepped(at: NetJet, place: Array, x: Array, low: Array | float, high: Array | float) -> Array:
+    """Return x after one step of Newton's method towards the foot of `place`, given the point and derivatives at x."""
     e = at.point - place
     slope = jnp.sum(at.first * e, axis=-1)
     bent = jnp.sum(at.first[:, None] * at.first[None], axis=-1) + jnp.sum(at.second * e, axis=-1)

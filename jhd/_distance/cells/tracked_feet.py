@@ -26,7 +26,7 @@ from jhd._distance.cells.implicit import parameters
 from jhd._distance.cells.lagrange import WithSurface
 from jhd._distance.cells.pairs import Cell, PairBound, Parametric
 from jhd._distance.cells.tracked_feet_minimum import MovingPoint
-from jhd._distance.cells.tracked_feet_nets import points_of_net, square_to_net
+from jhd._distance.cells.tracked_feet_nets import points_of_net, square_seems_convex, square_to_net
 from jhd._distance.cells.tracked_feet_surfaces import narrowed, points_of_surface, seems_convex, square_to_surface
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.surfaces import Side
@@ -74,9 +74,10 @@ class WithMovingFeet(NamedTuple):
         """Return the moving points, and whether L seems convex at the foot of their middle; x is a pair of points."""
         a, b, cell, start = self._turned(cell, x)
         on_a, n = points_over(a, cell), parameters(a)
+        other = cell.low[n:], cell.high[n:]
         if isinstance(b, Side):
-            return on_a, seems_convex(b, on_a.point.terms[0], cell.low[n:], cell.high[n:], start)
-        return on_a, jnp.asarray(True)
+            return on_a, seems_convex(b, on_a.point.terms[0], *other, start)
+        return on_a, square_seems_convex(b.piece(cell.piece_b), on_a.point, *other, start)
 
     def moving_bound(self, on_a: MovingPoint, cell: Cell, x: Array) -> tuple[Array, Array]:
         """Return the lower bound by feet of the moving points, and whether L is proven convex."""
