@@ -12,10 +12,11 @@ from tests.sweeps import swept
 
 RNG = np.random.default_rng(12)
 GRID = np.stack([*np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"), np.zeros((4, 4))], axis=-1)
-# The square [-2, 2]^2 in the plane z = 0 three times: a patch, a mesh, and a polynomial in its box.
+# The square [-2, 2]^2 in the plane z = 0 three times: a patch, a mesh with a vertex that has no triangle, and a
+# polynomial in its box.
 PLANES = {
     "patch": jhd.BezierPatch((GRID - [1.5, 1.5, 0]) * [4 / 3, 4 / 3, 1]),
-    "mesh": jhd.TriangleMesh([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]], [[0, 1, 2], [0, 2, 3]]),
+    "mesh": jhd.TriangleMesh([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0], [1e12] * 3], [[0, 1, 2], [0, 2, 3]]),
     "polynomial": jhd.ImplicitSurface.parse("z", [-2, -2, -3], [2, 2, 4]),
 }
 SPHERE = jhd.ImplicitSurface.parse("x**2 + y**2 + (z - 5)**2 - 1", [-2, -2, 3], [2, 2, 7])

@@ -206,6 +206,15 @@ class MeshBody(AbstractBody):
     def points(self) -> Any:
         return self.shape.vertices
 
+    @property
+    @override
+    def rows(self) -> np.ndarray:
+        """The vertices; those of no triangle, which may be far away, are replaced by one that counts."""
+        vertices, triangles = np.asarray(self.shape.vertices), np.asarray(self.shape.triangles)
+        counts = np.zeros(len(vertices), bool)
+        counts[triangles] = True
+        return np.where(counts[:, None], vertices, vertices[triangles[0, 0]])
+
     @override
     def with_foot_derivatives(self, found: Projection, queries: Array) -> Projection:
         return with_mesh_derivatives(found, queries, self.shape)

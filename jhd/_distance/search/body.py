@@ -133,6 +133,11 @@ class AbstractBody(ABC):
         """The points (points, dim) that determine it, if it is a set of points or a mesh."""
         raise NotImplementedError
 
+    @property
+    def rows(self) -> Any:
+        """The points that are moved to common coordinates and set their scale."""
+        return self.points
+
     def at(self, params: Any) -> Array:
         """Return its points at parameters, or all of its points if it has no parameters."""
         if params is not None:
@@ -163,7 +168,7 @@ class AbstractBody(ABC):
 
     def hull(self) -> Any:
         """Return what sets the frame: a Net, or an implicit surface itself."""
-        return hull_of(self.points)
+        return hull_of(self.rows)
 
     def next_to(self, surface: "AbstractBody") -> tuple[Any, Any, Frame]:
         """Return another shape and this one in exact common coordinates, at least one an implicit surface."""
@@ -171,8 +176,8 @@ class AbstractBody(ABC):
 
     def in_common(self, moved: Any, frame: Frame) -> Any:
         """Return it in common coordinates; `moved` is its hull there."""
-        points = np.asarray(self.points)
-        return common_points(frame, points).astype(points.dtype)
+        rows = np.asarray(self.rows)
+        return common_points(frame, rows).astype(rows.dtype)
 
     def source(self, moved: Any) -> tuple[AbstractSource, float]:
         """Return a source, and the rounding error of its bounds; points have none, but a search of their own."""
