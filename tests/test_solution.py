@@ -142,6 +142,7 @@ def test_every_kind_of_solution_is_a_batch_in_the_same_way():
         jhd.StationaryPoints(valid.astype(int), places, places, places, places, valid, success),
         jhd.CriticalPairs(places, witness, valid, success),
         jhd.Decision(spread(jhd.ANSWERS.yes, 2), numbers, numbers, success, {}),
+        jhd.StatisticSolution(numbers, numbers, numbers, spread(jhd.DIRECTIONS.a_to_b, 2), success),
     ]
     for batch in batches:
         assert batch.ok.tolist() == [True, True] and batch[1].ok.shape == ()
@@ -173,10 +174,15 @@ def test_a_solution_is_shown_in_two_lines():
     ]
 
 
-def test_a_traced_solution_can_be_shown():
-    shown = []
-    jax.jit(lambda s: shown.append(repr(s)))(a_solution())
-    assert shown[0].startswith("HausdorffSolution(value=") and "traced" in shown[0]
+def test_a_solution_without_numbers_can_be_shown():
+    solution, shown = a_solution(), []
+    show = lambda s: shown.extend([repr(s), s._repr_html_(), repr(s.witness)])  # noqa: E731
+    jax.jit(show)(solution)
+    show(jax.eval_shape(lambda: solution))
+    shown.append(repr(eqx.partition(solution, eqx.is_array)[1]))
+    for text in shown:
+        assert "HausdorffSolution(value=" in text or text.startswith("Witness(t=")
+        assert "traced" in text
 
 
 def test_the_float_of_a_solution_is_its_value():

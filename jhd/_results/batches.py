@@ -16,6 +16,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+from jhd._results.display import is_read
 from jhd._results.outcomes import RESULTS, names_of
 from jhd._results.plain import to_plain
 from jhd._runtime.arrays import is_traced
@@ -57,7 +58,7 @@ class AbstractResult(eqx.Module):
 
     def _repr_html_(self) -> str:
         """The solution in a notebook: a table of its numbers; for a batch the printed text."""
-        if is_traced(self) or _batch_shape(self) or np.ndim(getattr(self, "lower", 0)):
+        if not is_read(self) or _batch_shape(self) or np.ndim(getattr(self, "lower", 0)):
             return f"<pre>{escape(repr(self))}</pre>"
         known = {name: getattr(self, name, None) for name in _SHOWN}
         rows = {name: _cell(name, value) for name, value in known.items() if value is not None}
@@ -167,12 +168,12 @@ def on_device(solution: Any) -> Any:
 
 
 def shown_many(solution: Any, name: str) -> str | None:
-    """A batch or a traced solution in two lines: the range of the numbers with this name, and counts of failures.
+    """A batch or an unknown solution in two lines: the range of the numbers with this name, and counts of failures.
 
     None for a single solution, which prints itself.
     """
-    kind, numbers, shape = type(solution).__name__, getattr(solution, name), np.shape(solution.result._value)
-    if is_traced(solution):
+    kind, numbers, shape = type(solution).__name__, getattr(solution, name), _batch_shape(solution)
+    if numbers is None or not is_read(solution):
         return f"{kind}({name}={eqx.tree_pformat(numbers)},\n  traced: known at run time)"
     if not shape:
         return None

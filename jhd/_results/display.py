@@ -36,6 +36,12 @@ def opaque(thing: Any) -> str | None:
     return None if known else described(thing, "...")
 
 
+def is_read(thing: Any) -> bool:
+    """Whether all leaves of an object are numbers or arrays that can be read on this host."""
+    leaves = jax.tree_util.tree_leaves(thing)
+    return all(is_known(leaf) or isinstance(leaf, bool | int | float | str) for leaf in leaves)
+
+
 def fields_shown(thing: Any, *names: str) -> str:
     """The text of the object with the named fields that are not None."""
     pairs = ((name, getattr(thing, name)) for name in names)

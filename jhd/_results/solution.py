@@ -17,6 +17,7 @@ from jhd._results.batches import AbstractSolution, shown_many
 from jhd._results.batches import on_device as on_device
 from jhd._results.bounds import AbstractBounds
 from jhd._results.bounds import Bounds as Bounds
+from jhd._results.display import is_read
 from jhd._results.outcomes import ANSWERS as ANSWERS
 from jhd._results.outcomes import DIRECTIONS as DIRECTIONS
 from jhd._results.outcomes import EVENTS as EVENTS
@@ -28,7 +29,6 @@ from jhd._results.plain import stored_fields as stored_fields
 from jhd._results.plain import to_plain as to_plain
 from jhd._results.unproven import NotProvenError as NotProvenError
 from jhd._results.unproven import throw_unless_successful as throw_unless_successful
-from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import lower_text, point_text, upper_text
 
 Parameters = TypeVar("Parameters")
@@ -99,7 +99,7 @@ class Witness(eqx.Module):
     direction: DIRECTIONS
 
     def __repr__(self) -> str:
-        if is_traced(self.t) or np.ndim(self.point) > 1:
+        if not is_read(self) or np.ndim(self.point) > 1:
             return f"Witness(t={eqx.tree_pformat(self.t)}, a batch or traced; index or vmap it)"
         numbers = {name: np.asarray(getattr(self, name)).tolist() for name in ("element", "t", "point", "feet")}
         numbers |= {name: np.asarray(getattr(self, name)).tolist() for name in ("feet_elements", "feet_params")}

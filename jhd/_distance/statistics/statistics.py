@@ -31,7 +31,7 @@ from jhd._distance.statistics.distances_along import check_size, common_scale, d
 from jhd._distance.statistics.error_control import Estimated
 from jhd._distance.statistics.pointwise import Sight
 from jhd._distance.statistics.quantiles import quantile_beside, quantile_of, quantile_over
-from jhd._results.batches import AbstractSolution
+from jhd._results.batches import AbstractSolution, shown_many
 from jhd._results.bounds import AbstractBounds, Bounds
 from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd._results.unproven import relative_tolerance
@@ -56,16 +56,18 @@ class StatisticSolution(AbstractBounds, AbstractSolution):
         result: RESULTS.successful, or the reason why the bounds are wider than the tolerance.
     """
 
-    value: Float[Array, ""]
-    lower: Float[Array, ""]
-    upper: Float[Array, ""]
+    value: Float[Array, "*batch"]
+    lower: Float[Array, "*batch"]
+    upper: Float[Array, "*batch"]
     direction: DIRECTIONS
     result: RESULTS
 
     def __repr__(self) -> str:
-        bounds = interval_text(self.lower, self.upper, ".9g")
-        value = "traced" if is_traced(self.value) else f"{float(self.value):.9g}"
-        return f"StatisticSolution({value} in {bounds}, {name_of(self.direction)}, {name_of(self.result)})"
+        many = shown_many(self, "value")
+        if many is not None:
+            return many
+        numbers = f"{float(self.value):.9g} in {interval_text(self.lower, self.upper, '.9g')}"
+        return f"StatisticSolution({numbers}, {name_of(self.direction)}, {name_of(self.result)})"
 
 
 def _directed(given: bool) -> bool:
