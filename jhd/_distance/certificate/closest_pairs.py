@@ -17,6 +17,7 @@ Every proof is checked exactly.
 Source: Gilbert, An iterative procedure for computing the minimum of a quadratic form on a convex set (1966).
 """
 
+import math
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
@@ -205,7 +206,7 @@ def _by_plane(pair: _PartPair, direction: np.ndarray | None) -> Entry | None:
     p, q = (shape.points(part) for shape, part in zip(pair.shapes, pair.parts, strict=True))
     limit = float(np.ldexp(float(pair.bound), -pair.shapes[0].side.exponent))
     for normal in (between(p, q),) if direction is None else (direction, between(p, q)):
-        length = float(np.linalg.norm(normal))
+        length = math.hypot(*normal)
         if length > 0:
             unit = normal / length
             if np.min(q @ unit) - np.max(p @ unit) >= limit * (1 - _SURELY) - _SURELY:

@@ -19,13 +19,14 @@ from jhd._distance.certificate.closest_pairs import PointSide, keep_apart
 from jhd._distance.certificate.cutting import Entry, UncoveredError
 from jhd._distance.certificate.cutting import Report as PartReport
 from jhd._distance.certificate.shape_side import ShapeSide
-from jhd._distance.certificate.sides import AbstractSide, ShapePlace, plain_shape
+from jhd._distance.certificate.sides import AbstractSide, ShapePlace
 from jhd._distance.certificate.subdivision import CellCover, cover_by_cells, far_places
 from jhd._distance.certificate.surface_cover import cover_with_surfaces
 from jhd._distance.certificate.surface_side import SurfaceSide
 from jhd._distance.certificate.verification.pieces import difference
 from jhd._distance.certificate.verification.proofs import as_piece, failure_at_most, failure_of_witness
 from jhd._distance.certificate.verification.structure import KINDS
+from jhd._distance.search.bodies import diagonal_of
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 from jhd._runtime.decimals import lower_text, upper_text
 from jhd._shapes.as_shape import Shape
@@ -49,22 +50,13 @@ Report = Callable[[str, int, int], None]
 
 def default_atol(a: Shape, b: Shape) -> float:
     """A billionth of the diagonal of the box of both shapes."""
-    low, high = _ends(a, b)
-    return _SLACK * float(np.linalg.norm(high - low))
+    return _SLACK * diagonal_of(a, b)
 
 
 def _ends(a: Shape, b: Shape) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the box of both shapes."""
-    rows = []
-    for shape in (a, b):
-        plain = plain_shape(shape)
-        if plain["kind"] == "surface":
-            numbers = np.array([plain["lower"], plain["upper"]], float)
-        else:
-            numbers = np.asarray(plain["vertices" if plain["kind"] == "mesh" else "control_points"], float)
-        rows.append(numbers.reshape(-1, numbers.shape[-1]))
-    both = np.concatenate(rows)
-    return both.min(axis=0), both.max(axis=0)
+    both = np.array([shape.bounds for shape in (a, b)], float)
+    return both[:, 0].min(axis=0), both[:, 1].max(axis=0)
 
 
 def _sides(a: Shape, b: Shape, hints: np.ndarray) -> dict[str, AbstractSide]:

@@ -53,6 +53,17 @@ def checked(a, b, solution, **options):
     return certificate
 
 
+@pytest.mark.parametrize(("unit", "far"), [(1.0, 1e12), (2.0**560, 0.0), (2.0**-600, 0.0)])
+def test_bounds_are_widened_by_a_share_of_the_box_of_what_counts(unit, far):
+    # The last vertex has no triangle.
+    mesh = jhd.TriangleMesh(np.array([(0.0, 0, 0), (unit, 0, 0), (0, unit, 0), (far, far, far)]), [(0, 1, 2)])
+    points = jhd.point_set(unit * np.array([(0.0, 0, 3)]))
+    solution = jhd.minimum_distance(mesh, points)
+    proven = certify(mesh, points, solution).verify()
+    assert proven.upper is not None and proven.upper <= float(solution.upper) + 4e-9 * unit
+    assert 3 * unit - 4e-9 * unit <= proven.lower < float(solution.lower)
+
+
 def test_points_and_a_mesh_have_a_certificate_both_ways(tmp_path):
     a, b = shape("points", 1), shape("mesh", 2)
     certificate = checked(a, b, jhd.hausdorff(a, b))
