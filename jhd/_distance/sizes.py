@@ -120,9 +120,11 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bo
     # Bounds of a measure below the normal numbers are one of these apart at least.
     absolute = max(float(share), np.finfo(np.float64).tiny) if given is None else float(given)
     cells = source.cover()
-    flat = source.flat(cells)
+    flat, found = source.flat(cells), Bounds(0.0, np.inf)
     while True:
-        found = user_measure(pair.frame, source.dimension, flat)
+        # Each cell is rounded, so more of them may prove less.
+        now = user_measure(pair.frame, source.dimension, flat)
+        found = Bounds(max(found.lower, now.lower), min(found.upper, now.upper))
         if found.upper - found.lower <= max(absolute, relative * found.upper):
             return found
         gap = flat.upper - flat.lower

@@ -70,3 +70,9 @@ def test_what_has_no_length_or_area_is_refused_and_an_open_gap_is_an_error():
     assert caught.value.solution.lower <= 2 * math.pi <= caught.value.solution.upper
     known = jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_cells=64, throw=False)
     assert known.to_dict() == caught.value.solution.to_dict()
+
+
+def test_more_cells_never_prove_less():
+    mesh = jhd.TriangleMesh([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 1]], [[0, 1, 2], [0, 3, 1]])
+    few, many = (jhd.surface_area(mesh, rtol=0, atol=0, max_cells=n, throw=False) for n in (16, 1024))
+    assert few.lower <= many.lower <= 3 <= many.upper <= few.upper
