@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jhd._distance.deviation import in_space, user_measure
@@ -109,7 +111,8 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bo
     check_scalar("rtol", relative)
     check_scalar("atol", given)
     check_whole("max_cells", max_cells, 16)
-    relative, body = float(relative), in_space(shape)
+    # Numbers of single precision are numbers of double precision, in which all of this is computed.
+    relative, body = float(relative), body_of(jax.tree_util.tree_map(_doubled, in_space(shape).shape))
     pair = together(body, body)
     source = body.measured(pair.a, pair.moved, None)
     diagonal = joint_diagonal(body)
@@ -139,3 +142,7 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bo
         kept = np.delete(np.arange(len(gap)), wide)
         cells = joined([cells.take(kept), parts])
         flat = joined([flat.take(kept), source.flat(parts)])
+
+
+def _doubled(x: Any) -> Any:
+    return np.asarray(x, np.float64) if jnp.issubdtype(x.dtype, jnp.floating) else x

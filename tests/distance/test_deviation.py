@@ -135,6 +135,9 @@ for side in (1.0, 3.0, 11.0, 1e30):
     # The corner on the axis that the other one does not reach, and its other two corners.
     far = jhd.directed_hausdorff(a, b, throw=False)
     assert float(far.lower) <= side * tiny <= float(far.upper), far
+# Common coordinates in single precision would leave more than a hundredth of the length open.
+found = jhd.arc_length(jhd.circle((0, 0), 1.0))
+assert found.lower <= 2 * math.pi <= found.upper <= found.lower * (1 + 1.1e-6), found
 print("done")
 """
 

@@ -9,6 +9,7 @@ import pytest
 import jhd
 
 QUARTER = np.sqrt(0.5)
+PARABOLA = 0.5 * math.sqrt(5) + 0.25 * math.asinh(2)  # y = x^2 from 0 to 1
 # A quarter of a cylinder of radius 1 and height 3.
 CYLINDER = jhd.BezierPatch(
     np.array([[[1, 0, z], [1, 1, z], [0, 1, z]] for z in (0.0, 3.0)]), np.array([[1, QUARTER, 1]] * 2)
@@ -16,10 +17,9 @@ CYLINDER = jhd.BezierPatch(
 
 
 def test_lengths_of_circles_lines_and_a_parabola_are_those_of_closed_forms():
-    parabola = 0.5 * math.sqrt(5) + 0.25 * math.asinh(2)  # y = x^2 from 0 to 1
     curves = [
         (jhd.circle((0, 0), 1.0), 2 * math.pi),
-        (jhd.BezierCurve([(0, 0), (0.5, 0), (1, 1)]), parabola),
+        (jhd.BezierCurve([(0, 0), (0.5, 0), (1, 1)]), PARABOLA),
         (jhd.polyline([(1e6, 0), (1e6 + 1, 0), (1e6, 0)]), 2.0),
         (jhd.polyline([(0, 0, 0), (1, 2, 2)]), 3.0),
     ]
