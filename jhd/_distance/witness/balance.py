@@ -16,20 +16,26 @@ Source: Karush-Kuhn-Tucker conditions of the maximum of a minimum; sensitivity o
 to Sensitivity and Stability Analysis in Nonlinear Programming, Academic Press 1983, chapter 3.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
+from typing_extensions import override
 
 from jhd._arithmetic.polynomials import jets, rescaled, slopes
 from jhd._arithmetic.rounding import like_double, smallest_normal, unit_roundoff
-from jhd._arithmetic.scaling import common_exponent, length, scale_of
+from jhd._arithmetic.scaling import common_exponent, length, scale_of, unit
 from jhd._distance.normalization.implicit_derivatives import MovingNumbers
 from jhd._distance.normalization.net_jets import Net, jet
+from jhd._distance.witness.mesh_feet import foot_on
+from jhd._distance.witness.surface_projection import distance_from_surface, distances_from_patches
 from jhd._results.solution import MinimumSolution, Witness
 from jhd._runtime.arrays import varying
 
@@ -51,11 +57,43 @@ _NOISE = 256
 _INWARD = 1e-9
 
 
-class NetRows(NamedTuple):
-    """Segments or patches: each has one set of control points, and of weights if there are any."""
+class AbstractRows(eqx.Module):
+    """The rows of a shape on which one or several of its points depend."""
+
+    # Whether coordinates satisfy an equation, and whether its gradient is the normal of the surface.
+    has_constraint: ClassVar[bool] = False
+    has_normals: ClassVar[bool] = False
+
+    @abstractmethod
+    def nearest(self, query: Array, w: Witness) -> tuple[Array, Array]:
+        """Return the distance of a point, and its foot next to the first foot of a witness."""
+
+    @abstractmethod
+    def point(self, x: Array) -> Array:
+        """Return the point at coordinates x."""
+
+    @abstractmethod
+    def held(self, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
+        """Return a mask of the coordinates of a point that are held, and of the ones at their lower border."""
+
+    def constraint(self, x: Array) -> tuple[Array, Array]:
+        """Return the value of a constraint, and its gradient.
+
+        Values are lengths on an implicit surface and squares of lengths on a triangle: multipliers are about one.
+        """
+        return jnp.zeros((), x.dtype), jnp.zeros_like(x)
+
+    def rounding(self, x: Array) -> Array:
+        """Bound the value that rounding alone may give a constraint, which is large far from the origin."""
+        return jnp.zeros((), x.dtype)
+
+
+class NetRows(AbstractRows):
+    """Points, segments or patches, with 0, 1 or 2 axes: each has control points, and weights if there are any."""
 
     points: Any
     weights: Any
+    axes: int = eqx.field(static=True, default=2)
 
     @property
     def net(self) -> Net:
@@ -64,29 +102,107 @@ class NetRows(NamedTuple):
             return Net(self.points, self.weights)
         return Net(self.points[:, None], None if self.weights is None else self.weights[:, None])
 
+    @override
+    def nearest(self, query: Array, w: Witness) -> tuple[Array, Array]:
+        if self.axes == 0:
+            return length(query - self.points[0, 0]), self.points[0, 0]
+        first, net = jnp.zeros(1, int), Net(self.points, self.weights)
+        distance, foot, _ = distances_from_patches(query[None], first, w.feet_params[:1], net)
+        return distance[0], foot[0]
 
-class PointRows(NamedTuple):
-    """Points of a set."""
+    @override
+    def point(self, x: Array) -> Array:
+        return jet(self.net, x[: self.axes]).point
 
-    points: Any
+    @override
+    def held(self, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
+        size = far * length(jet(self.net, x[: self.axes]).first)
+        size, n = jnp.pad(size, (0, 3 - len(size))), len(size)
+        presses = (x <= 0) & (pull > _PRESSING * size) | (x >= 1) & (pull < -_PRESSING * size)
+        return presses | (jnp.arange(3) >= n), x <= 0
 
 
-class CornerRows(NamedTuple):
+class CornerRows(AbstractRows):
     """Corners of triangles."""
 
-    corners: Any
+    points: Any
+    axes, has_constraint = 3, True
+
+    @override
+    def nearest(self, query: Array, w: Witness) -> tuple[Array, Array]:
+        return foot_on(query, self.points[0], w.feet_params[0] > 0)[:2]
+
+    @override
+    def point(self, x: Array) -> Array:
+        return jnp.sum(x[:, None] * self.points, axis=0)
+
+    @override
+    def constraint(self, x: Array) -> tuple[Array, Array]:
+        square = jax.lax.stop_gradient(jnp.max(jnp.abs(self.points - self.points[0])) ** 2)
+        return square * (jnp.sum(x) - 1), jnp.full_like(x, square)
+
+    @override
+    def held(self, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
+        inside = x > _ON_EDGE
+        pull = pull - jnp.sum(jnp.where(inside, pull, 0.0)) / jnp.maximum(jnp.sum(inside), 1)
+        size = jnp.max(length(self.points - self.point(x)))
+        # A triangle whose corners are one point has no coordinates, and its constraint would have no weight.
+        return ~inside & (pull > _PRESSING * far * size) | (size**2 < smallest_normal(x.dtype)), ~inside
 
 
-class Polynomial(NamedTuple):
+class Polynomial(AbstractRows):
     """An implicit surface."""
 
     coefficients: Any
     lower: Any
     upper: Any
+    axes, has_constraint, has_normals = 3, True, True
 
+    @override
+    def nearest(self, query: Array, w: Witness) -> tuple[Array, Array]:
+        found = distance_from_surface(query[None], w.feet[:1], self.coefficients, jnp.stack([self.lower, self.upper]))
+        return found[0][0], found[1][0]
 
-# Shapes whose coordinates satisfy an equation.
-Bound = Polynomial | CornerRows
+    @override
+    def point(self, x: Array) -> Array:
+        return x
+
+    def moving_point(self, still: "Polynomial", x: Array, held: Array, low: Array) -> Array:
+        """Return the point that moves along the normal, which is constant, and with the faces that hold it."""
+        moving = jnp.where(held, jnp.where(low, self.lower, self.upper), x)
+        free = jnp.where(held, 0.0, slopes(still.coefficients, x)[1])
+        # The square of a length of 1e-20 is zero in single precision.
+        steep = length(free)
+        steep = jnp.where(steep > 0, steep, jnp.inf)
+        return moving - slopes(self.coefficients, moving)[0] / steep * (free / steep)
+
+    @override
+    def constraint(self, x: Array) -> tuple[Array, Array]:
+        value, gradient = slopes(self.coefficients, x)
+        steep = jax.lax.stop_gradient(length(gradient))
+        steep = jnp.where(steep > 0, steep, 1.0)
+        return value / steep, gradient / steep
+
+    @override
+    def rounding(self, x: Array) -> Array:
+        terms, steep = slopes(jnp.abs(self.coefficients), jnp.abs(x))[0], length(slopes(self.coefficients, x)[1])
+        return _NOISE * unit_roundoff(x.dtype) * terms / jnp.where(steep > 0, steep, 1.0)
+
+    @override
+    def held(self, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
+        """Return the masks for faces that press and are not only touched."""
+        near = like_double(_TOUCHING, x.dtype) * jnp.max(self.upper - self.lower)
+        gradient, low = slopes(self.coefficients, x)[1], x <= self.lower + near
+        border = low | (x >= self.upper - near)
+        steep = _TANGENT * length(gradient)
+        touched = (length(jnp.where(border, 0.0, gradient)) <= steep) & ~jnp.all(border)
+        # Of the faces at an edge, the faces across the surface go on holding.
+        border = border & ~(touched & (jnp.abs(gradient) > steep))
+        free = jnp.where(border, 0.0, gradient)
+        rest = length(free)
+        rest = jnp.where(rest > 0, rest, jnp.inf)
+        pull = pull - jnp.sum(free / rest * pull) * (gradient / rest)
+        return border & (jnp.where(low, pull, -pull) >= -like_double(_INWARD, x.dtype) * far), low
 
 
 class _State(NamedTuple):
@@ -123,75 +239,6 @@ class _Fixed(NamedTuple):
     along: Array
 
 
-def _coordinates(rows: Any, t: Array, at: Array) -> Array:
-    """Return the three coordinates (points, 3) of points `at` with parameters t."""
-    if isinstance(rows, Polynomial):
-        return at
-    t = jnp.zeros((len(at), 0), at.dtype) if isinstance(rows, PointRows) else t.reshape(len(at), -1)
-    return jnp.pad(t, ((0, 0), (0, 3 - t.shape[1])))
-
-
-def _moving_point(rows: Any, still: Any, at: tuple[Array, Array, Array]) -> Array:
-    """Return a point at fixed coordinates as a function of the rows that it depends on.
-
-    On an implicit surface the point moves along the normal and with the faces of the box that hold it.
-
-    Args:
-        rows: the rows that move.
-        still: the same rows as constants, for the normal.
-        at: the coordinates of the point, a mask of the held ones, and a mask of the ones at a lower face.
-    """
-    x, held, low = at
-    if isinstance(rows, Polynomial):
-        moving = jnp.where(held, jnp.where(low, rows.lower, rows.upper), x)
-        free = jnp.where(held, 0.0, slopes(still.coefficients, x)[1])
-        # The square of a length of 1e-20 is zero in single precision.
-        steep = length(free)
-        steep = jnp.where(steep > 0, steep, jnp.inf)
-        return moving - slopes(rows.coefficients, moving)[0] / steep * (free / steep)
-    return _point(rows, x)
-
-
-def _borders(rows: Polynomial, x: Array) -> tuple[Array, Array]:
-    """Return masks of the coordinates on the lower and on the upper face of a box."""
-    near = like_double(_TOUCHING, x.dtype) * jnp.max(rows.upper - rows.lower)
-    return x <= rows.lower + near, x >= rows.upper - near
-
-
-def _point(rows: Any, x: Array) -> Array:
-    if isinstance(rows, Polynomial):
-        return x
-    if isinstance(rows, CornerRows):
-        return jnp.sum(x[:, None] * rows.corners, axis=0)
-    if isinstance(rows, PointRows):
-        return rows.points[0]
-    net = rows.net
-    return jet(net, x[: net.parameters]).point
-
-
-def _constraint(rows: Any, x: Array) -> tuple[Array, Array]:
-    """Return the value of a constraint, and its gradient.
-
-    Values are lengths on an implicit surface and squares of lengths on a triangle, which keep multipliers about one.
-    """
-    if isinstance(rows, Polynomial):
-        value, gradient = slopes(rows.coefficients, x)
-        steep = jax.lax.stop_gradient(length(gradient))
-        steep = jnp.where(steep > 0, steep, 1.0)
-        return value / steep, gradient / steep
-    edges = rows.corners - rows.corners[0] if isinstance(rows, CornerRows) else jnp.zeros_like(x)
-    square = jax.lax.stop_gradient(jnp.max(jnp.abs(edges)) ** 2)
-    return square * (jnp.sum(x) - 1), jnp.full_like(x, square)
-
-
-def _rounding(rows: Any, x: Array) -> Array:
-    """Bound the value that rounding alone may give a constraint, which is large far from the origin."""
-    if not isinstance(rows, Polynomial):
-        return jnp.zeros((), x.dtype)
-    terms, steep = slopes(jnp.abs(rows.coefficients), jnp.abs(x))[0], length(slopes(rows.coefficients, x)[1])
-    return _NOISE * unit_roundoff(x.dtype) * terms / jnp.where(steep > 0, steep, 1.0)
-
-
 def _at_places(function: Callable[..., Any], x: Any, *rows: tuple[Any, Any]) -> Any:
     """Apply a function of rows and coordinates to the farthest point and to each foot, and stack the results.
 
@@ -202,7 +249,7 @@ def _at_places(function: Callable[..., Any], x: Any, *rows: tuple[Any, Any]) -> 
     """
     carriers, targets = zip(*rows, strict=True)
     first, others = (jax.tree_util.tree_map(lambda y, k=k: y[k], x) for k in (0, slice(1, None)))
-    axes = [None if isinstance(target, Polynomial) else 0 for target in targets]
+    axes = [None if target.has_normals else 0 for target in targets]
     feet = jax.vmap(function, in_axes=(*axes, 0))(*targets, others)
     return jax.tree_util.tree_map(lambda y, z: jnp.concatenate([y[None], z]), function(*carriers, first), feet)
 
@@ -217,7 +264,7 @@ def from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> Movin
     points = scale * w.point[None], scale * w.feet
     start = _started(rows, (w.t[None], w.feet_params), points, w.multipliers, found * scale)
     fixed = _fixed(*jax.lax.stop_gradient((start, rows)), True)
-    moving = _at_places(_moving_point, (start.x, fixed.held, fixed.low), rows, jax.lax.stop_gradient(rows))
+    moving = _moving(start, fixed, rows, jax.lax.stop_gradient(rows))
     numbers = {"value": _distance(start, rows, fixed) / scale, "point": moving[0] / scale, "feet": moving[1:] / scale}
     return MovingNumbers(numbers, {"value": found > 0, "point": True, "feet": True})
 
@@ -231,8 +278,8 @@ def from_pair(rows: tuple[Any, Any], constants: tuple[MinimumSolution, Array, Ar
             which both shapes have about the size one.
     """
     rows, (solution, x, distance) = finite((rows, constants))
-    n = rows[0].net.parameters if isinstance(rows[0], NetRows) else 3
-    rows = rows[0], rows[1] if isinstance(rows[1], Polynomial) else jax.tree_util.tree_map(lambda y: y[None], rows[1])
+    n = 3 if rows[0].has_normals else x.size - 3
+    rows = rows[0], rows[1] if rows[1].has_normals else jax.tree_util.tree_map(lambda y: y[None], rows[1])
     scale, rows = in_one_unit(rows, solution.value)
     points = scale * solution.point_a[None], scale * solution.point_b[None]
     start = _started(rows, (x[None, :n], x[None, n:]), points, jnp.ones(1, x.dtype), solution.value * scale)
@@ -263,7 +310,8 @@ def apart(solution: MinimumSolution, distance: Array) -> Array:
 
 def _started(rows: tuple[Any, Any], t: tuple[Array, Array], at: tuple[Array, Array], m: Array, far: Array) -> _State:
     """Return the unknowns found by a search, from parameters, points (points, ...), multipliers and the distance."""
-    x = jnp.concatenate([_coordinates(*place) for place in zip(rows, t, at, strict=True)])
+    params = [jnp.pad(x.reshape(len(x), -1), ((0, 0), (0, 3 - x[0].size))) for x in t]
+    x = jnp.concatenate([y if part.has_normals else x for part, x, y in zip(rows, params, at, strict=True)])
     return _State(x, m, jnp.zeros(1 + m.size, m.dtype), 0.5 * far**2)
 
 
@@ -276,16 +324,16 @@ def in_one_unit(rows: tuple[Any, Any], far: Array) -> tuple[Array, tuple[Any, An
     Control points count from a point of a. Implicit surfaces keep the origin: their coefficients depend on it.
     """
     still = jax.lax.stop_gradient(rows)
-    boxes = [part.upper - part.lower for part in still if isinstance(part, Polynomial)]
-    origin = jnp.zeros(3, far.dtype) if boxes else still[0][0].reshape(-1, still[0][0].shape[-1])[0]
-    scale = scale_of(common_exponent(*(boxes or [still[0][0] - origin]), far), far.dtype)
+    boxes = [part.upper - part.lower for part in still if part.has_normals]
+    origin = jnp.zeros(3, far.dtype) if boxes else still[0].points.reshape(-1, still[0].points.shape[-1])[0]
+    scale = scale_of(common_exponent(*(boxes or [still[0].points - origin]), far), far.dtype)
     return scale, tuple(_in_unit(part, origin, scale) for part in rows)
 
 
 def _in_unit(part: Any, origin: Array, scale: Array) -> Any:
-    if isinstance(part, Polynomial):
+    if part.has_normals:
         return Polynomial(rescaled(part.coefficients, scale), part.lower * scale, part.upper * scale)
-    return part._replace(**{part._fields[0]: (part[0] - origin) * scale})
+    return replace(part, points=(part.points - origin) * scale)
 
 
 @jax.custom_jvp
@@ -294,36 +342,40 @@ def _distance(start: _State, rows: tuple[Any, Any], fixed: _Fixed) -> Array:
 
     The derivative of the state matters from the second order on, and is not computed before.
     """
-    return _pulled(_pulls(start, rows, fixed), rows)
+    return _pulled(start, rows, fixed, rows)
 
 
 @_distance.defjvp
 def _distance_rule(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     start, rows, fixed = primals
-    pulls = _pulls(_balance(start, rows, fixed), rows, fixed)
-    return _distance(*primals), jax.jvp(partial(_pulled, pulls), (rows,), (tangents[1],))[1]
+    balanced = _balance(start, rows, fixed)
+    return _distance(*primals), jax.jvp(partial(_pulled, balanced, rows, fixed), (rows,), (tangents[1],))[1]
 
 
-_Pulls = tuple[tuple[Array, Array, Array], Array, tuple[Any, Any]]
+def _pulled(state: _State, still: tuple[Any, Any], fixed: _Fixed, rows: tuple[Any, Any]) -> Array:
+    moving = _moving(state, fixed, rows, still)
+    return jnp.sum(state.multipliers[:, None] * _directions(state, still, fixed.along) * (moving[0] - moving[1:]))
 
 
-def _pulls(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _Pulls:
-    weighted = state.multipliers[:, None] * _directions(state, rows, fixed.along)
-    return (state.x, fixed.held, fixed.low), weighted, rows
+def _moving(state: _State, fixed: _Fixed, rows: tuple[Any, Any], still: tuple[Any, Any]) -> Array:
+    """Return the points as functions of the rows, at fixed coordinates."""
+
+    def moved(part: Any, still: Any, place: tuple[Array, Array, Array]) -> Array:
+        return part.moving_point(still, *place) if part.has_normals else part.point(place[0])
+
+    return _at_places(moved, (state.x, fixed.held, fixed.low), rows, still)
 
 
 def _directions(state: _State, rows: tuple[Any, Any], along: Array) -> Array:
     """Return the unit vectors from the feet to the farthest point; normals for the feet in `along`."""
-    at = _at_places(_point, state.x, rows)
-    apart = at[0] - at[1:]
-    far = length(apart)
-    units = apart / jnp.where(far > 0, far, 1.0)[:, None]
-    if not isinstance(rows[1], Polynomial):
-        return units
+    points = _at_places(lambda part, x: part.point(x), state.x, rows)
+    apart = points[0] - points[1:]
+    if not rows[1].has_normals:
+        return unit(apart)
     gradients = jax.vmap(lambda x: slopes(rows[1].coefficients, x)[1])(state.x[1:])
     turned = jnp.sum(gradients * apart, axis=-1) < 0
     normals = jnp.where(turned[:, None], -gradients, gradients) / jnp.where(along, length(gradients), 1.0)[:, None]
-    return jnp.where(along[:, None], normals, units)
+    return jnp.where(along[:, None], normals, unit(apart))
 
 
 def _along_normal(rows: Polynomial, x: Array, place: Array) -> Array:
@@ -339,20 +391,11 @@ def _along_normal(rows: Polynomial, x: Array, place: Array) -> Array:
     return (length(terms) / reach + length(hessian.ravel())) * length(place - x) < length(gradient)
 
 
-def _pulled(state: _Pulls, rows: tuple[Any, Any]) -> Array:
-    places, pulls, still = state
-    moving = _at_places(_moving_point, places, rows, still)
-    return jnp.sum(pulls * (moving[0] - moving[1:]))
-
-
 @jax.custom_jvp
 def _balance(start: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
     """Return the solution of the conditions next to the start, as a function of the rows; its value is the start.
 
-    Args:
-        start: the coordinates and multipliers found; the multipliers of the constraints are not needed.
-        rows: the rows of a and of b.
-        fixed: the coordinates that are held, and the feet that count.
+    The multipliers of the constraints of the start are not needed.
     """
     return start
 
@@ -361,7 +404,7 @@ def _balance(start: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
 def _balance_rule(primals: tuple, tangents: tuple) -> tuple[_State, _State]:
     start, rows, fixed = primals
     state, constant = jax.lax.stop_gradient((start, rows))
-    rounding = _at_places(_rounding, state.x, constant)
+    rounding = _at_places(lambda part, x: part.rounding(x), state.x, constant)
 
     def newton(_: Any, state: _State) -> _State:
         left = _conditions(state, constant, fixed)
@@ -371,7 +414,7 @@ def _balance_rule(primals: tuple, tangents: tuple) -> tuple[_State, _State]:
 
     state = _with_multipliers(state, constant, fixed)
     # The search has solved the conditions of two implicit surfaces already.
-    if not all(isinstance(part, Polynomial) for part in rows):
+    if not all(part.has_normals for part in rows):
         state = jax.lax.fori_loop(0, _STEPS, newton, varying(state, constant, fixed))
     state = _balance(state, rows, fixed)
     _, change = jax.jvp(lambda moving: _conditions(state, moving, fixed), (rows,), (tangents[1],))
@@ -380,7 +423,7 @@ def _balance_rule(primals: tuple, tangents: tuple) -> tuple[_State, _State]:
 
 def _free_lagrangian(state: _State, rows: tuple[Any, Any], used: Array) -> Array:
     """Return the Lagrange function without constraints."""
-    points = _at_places(_point, state.x, rows)
+    points = _at_places(lambda part, x: part.point(x), state.x, rows)
     apart_sq = jnp.sum((points[0] - points[1:]) ** 2, axis=-1)
     return state.half_sq + jnp.sum(jnp.where(used, state.multipliers * (0.5 * apart_sq - state.half_sq), 0.0))
 
@@ -392,26 +435,23 @@ def _slopes(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> tuple[_State
     close, the normals at the feet determine how the point moves, while the vectors to it are too inexact.
     """
     left, x = jax.grad(_free_lagrangian)(state, rows, fixed.used), state.x
-    values, normals = _at_places(_constraint, x, rows)
+    values, normals = _at_places(lambda part, x: part.constraint(x), x, rows)
     pulls = left.x
-    if isinstance(rows[1], Polynomial):
+    if rows[1].has_normals:
         weights = jnp.where(fixed.used, state.multipliers, 0.0)[:, None]
         combined = jnp.sum(weights * _directions(state, rows, fixed.along), axis=0)
-        pulls = pulls.at[0].set(jax.grad(lambda x: jnp.sum(combined * _point(rows[0], x)))(x[0]))
+        pulls = pulls.at[0].set(jax.grad(lambda x: jnp.sum(combined * rows[0].point(x)))(x[0]))
     return left._replace(x=pulls - state.constraints[:, None] * normals, constraints=-values), normals
 
 
 def _conditions(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:
     """Return the residual of each condition."""
     left, (held, low, at, used, _) = _slopes(state, rows, fixed)[0], fixed
-    walls = [
-        jnp.where(low, part.lower, part.upper) if isinstance(part, Polynomial) else at
-        for part, low, at in ((rows[0], low[0], at[0]), (rows[1], low[1:], at[1:]))
-    ]
+    wall = lambda part, x: jnp.where(x[0], part.lower, part.upper) if part.has_normals else x[1]  # noqa: E731
     counts = jnp.append(True, used)
     # At a corner of a box no coordinate is left to satisfy an equation.
-    bound = jnp.append(isinstance(rows[0], Bound), used & isinstance(rows[1], Bound)) & ~jnp.all(held, axis=-1)
-    x = jnp.where(held, state.x - jnp.concatenate([walls[0][None], walls[1]]), left.x)
+    bound = jnp.append(rows[0].has_constraint, used & rows[1].has_constraint) & ~jnp.all(held, axis=-1)
+    x = jnp.where(held, state.x - _at_places(wall, (low, at), rows), left.x)
     return _State(
         jnp.where(counts[:, None], x, state.x - at),
         jnp.where(used, left.multipliers, state.multipliers),
@@ -427,46 +467,11 @@ def _fixed(state: _State, rows: tuple[Any, Any], farthest: bool) -> _Fixed:
     # The farthest point is a maximum, so its slope is reversed.
     pulls = pulls.at[0].set(-pulls[0] if farthest else pulls[0])
     far = jnp.sqrt(2 * state.half_sq) * jnp.append(1.0, state.multipliers)
-    held, low = _at_places(lambda part, place: _held(part, *place), (state.x, pulls, far), rows)
+    held, low = _at_places(lambda part, place: part.held(*place), (state.x, pulls, far), rows)
     along = jnp.zeros_like(used)
-    if isinstance(rows[1], Polynomial):
-        along = jax.vmap(partial(_along_normal, rows[1], place=_point(rows[0], state.x[0])))(state.x[1:])
+    if rows[1].has_normals:
+        along = jax.vmap(partial(_along_normal, rows[1], place=rows[0].point(state.x[0])))(state.x[1:])
     return _Fixed(held, low, state.x, used, along & ~jnp.any(held[1:], axis=-1))
-
-
-def _held(rows: Any, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
-    """Return a mask of the coordinates of a point that are held, and of the ones at their lower border."""
-    if isinstance(rows, Polynomial):
-        return _held_by_faces(rows, x, pull, far)
-    if isinstance(rows, PointRows):
-        return jnp.ones(3, bool), jnp.ones(3, bool)
-    if isinstance(rows, CornerRows):
-        inside = x > _ON_EDGE
-        pull = pull - jnp.sum(jnp.where(inside, pull, 0.0)) / jnp.maximum(jnp.sum(inside), 1)
-        size = jnp.max(length(rows.corners - _point(rows, x)))
-        # A triangle whose corners are one point has no coordinates, and its constraint would have no weight.
-        return ~inside & (pull > _PRESSING * far * size) | (size**2 < smallest_normal(x.dtype)), ~inside
-    net = rows.net
-    n = net.parameters
-    size = far * length(jet(net, x[:n]).first)
-    size = jnp.concatenate([size, jnp.zeros(3 - n, x.dtype)])
-    presses = (x <= 0) & (pull > _PRESSING * size) | (x >= 1) & (pull < -_PRESSING * size)
-    return presses | (jnp.arange(3) >= n), x <= 0
-
-
-def _held_by_faces(rows: Polynomial, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
-    """Return the masks for a point of an implicit surface, for faces that press and are not only touched."""
-    (low, high), gradient = _borders(rows, x), slopes(rows.coefficients, x)[1]
-    border = low | high
-    steep = _TANGENT * length(gradient)
-    touched = (length(jnp.where(border, 0.0, gradient)) <= steep) & ~jnp.all(border)
-    # Of the faces at an edge, the faces across the surface go on holding.
-    border = border & ~(touched & (jnp.abs(gradient) > steep))
-    free = jnp.where(border, 0.0, gradient)
-    rest = length(free)
-    rest = jnp.where(rest > 0, rest, jnp.inf)
-    pull = pull - jnp.sum(free / rest * pull) * (gradient / rest)
-    return border & (jnp.where(low, pull, -pull) >= -like_double(_INWARD, x.dtype) * far), low
 
 
 def _with_multipliers(state: _State, rows: tuple[Any, Any], fixed: _Fixed) -> _State:

@@ -1,22 +1,19 @@
 """Derivatives of distances of shapes of any two kinds, by the conditions of jhd._distance.witness.balance."""
 
 from dataclasses import replace
+from functools import singledispatch
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd._arithmetic.scaling import length
 from jhd._distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
 from jhd._distance.normalization.net_jets import Net
-from jhd._distance.witness.balance import CornerRows, NetRows, PointRows, Polynomial, finite, from_pair, from_place
-from jhd._distance.witness.mesh_feet import foot_on
+from jhd._distance.witness.balance import CornerRows, NetRows, Polynomial, finite, from_pair, from_place
 from jhd._distance.witness.nets import from_nets
-from jhd._distance.witness.surface_projection import distance_from_surface, distances_from_patches
 from jhd._results.solution import DIRECTIONS, HausdorffSolution, MinimumSolution, Witness
 from jhd._runtime.arrays import is_traced
-from jhd._shapes.curve import BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 
@@ -35,11 +32,11 @@ def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> Hausd
     if not is_traced(a, b):
         return solution
     w, function = solution.witness, from_place
-    parts = _parts_of(a, w.element), _parts_of(b, w.feet_elements)
-    if isinstance(parts[0], PointRows) and not (isinstance(parts[1], NetRows) and parts[1].points.array.ndim == 3):
+    parts = _rows_of(a, w.element), _rows_of(b, w.feet_elements)
+    if parts[0].axes == 0 and parts[1].axes != 1:
         function = _from_point
-    if type(a) is type(b) and isinstance(a, ImplicitSurface | TriangleMesh):
-        parts, function = (parts, (_parts_of(b, w.element), _parts_of(a, w.feet_elements))), _from_either
+    if type(a) is type(b) and parts[0].has_constraint:
+        parts, function = (parts, (_rows_of(b, w.element), _rows_of(a, w.feet_elements))), _from_either
     found = {"value": solution.value, "point": w.point, "feet": w.feet}
     moved = following(function, found, parts, (solution.value, w))
     return replace(solution, value=moved["value"], witness=replace(w, point=moved["point"], feet=moved["feet"]))
@@ -57,21 +54,11 @@ def _from_either(rows: tuple[tuple[Any, Any], tuple[Any, Any]], constants: tuple
     return from_place(jax.tree_util.tree_map(chosen, *rows), constants)
 
 
-def _from_point(rows: tuple[PointRows, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
+def _from_point(rows: tuple[NetRows, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
     """Return the numbers of `from_place` for a point: the distance and foot of its nearest point."""
     (carrier, target), (found, w) = finite((rows, constants))
     query = carrier.points[0]
-    if isinstance(target, CornerRows):
-        distance, foot, _ = foot_on(query, target.corners[0], w.feet_params[0] > 0)
-    elif isinstance(target, Polynomial):
-        box = jnp.stack([target.lower, target.upper])
-        distance, foot = (x[0] for x in distance_from_surface(query[None], w.feet[:1], target.coefficients, box))
-    elif isinstance(target, NetRows):
-        net, first = Net(target.points, target.weights), jnp.zeros(1, int)
-        distance, foot, _ = (x[0] for x in distances_from_patches(query[None], first, w.feet_params[:1], net))
-    else:
-        foot = target.points[0, 0]
-        distance = length(query - foot)
+    distance, foot = target.nearest(query, w)
     numbers = {"value": distance, "point": query, "feet": jnp.broadcast_to(foot, w.feet.shape)}
     return MovingNumbers(numbers, {"value": found > 0, "point": True, "feet": True})
 
@@ -91,19 +78,26 @@ def with_pair_derivatives(
     if not is_traced(shapes):
         return solution
     found, function = {"value": solution.value}, from_pair
-    if all(isinstance(shape, Net) for shape in shapes):
+    parts = _rows_of(shapes[0], pieces[0]), _rows_of(shapes[1], pieces[1])
+    if not any(part.has_normals for part in parts):
         found, function = found | {"point_a": solution.point_a, "point_b": solution.point_b}, from_nets
-    parts = _parts_of(shapes[0], pieces[0]), _parts_of(shapes[1], pieces[1])
     return replace(solution, **following(function, found, parts, (solution, x, distance)))
 
 
-def _parts_of(shape: Any, index: Array) -> Any:
+@singledispatch
+def _rows_of(shape: Any, index: Array) -> Any:
     """Return the rows of a shape that one or several of its points depend on."""
-    if isinstance(shape, ImplicitSurface):
-        return Polynomial(TouchedRows(shape.coefficients), *map(TouchedRows, shape.bounds))
-    if isinstance(shape, TriangleMesh):
-        return CornerRows(TouchedRows(shape.vertices, index, shape.triangles))
-    if isinstance(shape, BezierSegments) and shape.degree == 0:
-        return PointRows(TouchedRows(shape.control_points, index))
-    points = shape.points if isinstance(shape, Net) else shape.control_points
-    return NetRows(TouchedRows(points, index), None if shape.weights is None else TouchedRows(shape.weights, index))
+    return _rows_of(Net(shape.control_points, shape.weights), index)
+
+
+@_rows_of.register
+def _(shape: Net, index: Array) -> NetRows:
+    points, weights = (None if x is None else TouchedRows(x, index) for x in shape)
+    sizes = shape.points.shape[1:-1]
+    return NetRows(points, weights, 0 if sizes == (1,) else len(sizes))
+
+
+_rows_of.register(TriangleMesh, lambda shape, index: CornerRows(TouchedRows(shape.vertices, index, shape.triangles)))
+_rows_of.register(
+    ImplicitSurface, lambda shape, _: Polynomial(TouchedRows(shape.coefficients), *map(TouchedRows, shape.bounds))
+)

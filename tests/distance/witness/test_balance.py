@@ -1,5 +1,6 @@
 """Derivatives at a given witness of any pair of shapes: close, singular, clipped, padded and refused ones."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -107,7 +108,7 @@ def test_a_foot_that_rounding_keeps_from_a_face_moves_with_it():
     # Single precision knows the height 0.3 to 3e-8, and the foot to a little less.
     foot = np.array([np.sqrt(1 - 0.09), 0, 0.3 * (1 - 2e-6)])
     rows, constants = in_single(point=(2.0, 0, 0.9), foot=foot)
-    value = lambda upper: balance.from_place((rows[0], rows[1]._replace(upper=upper)), constants).numbers["value"]  # noqa: E731
+    value = lambda upper: balance.from_place((rows[0], replace(rows[1], upper=upper)), constants).numbers["value"]  # noqa: E731
     pull = np.array([2.0, 0, 0.9]) - foot
     # The foot slides along the sphere as the face rises.
     along = np.array([-0.3 / foot[0], 0, 1.0])
@@ -120,7 +121,7 @@ def test_derivatives_in_coefficients_do_not_vanish_where_squares_of_gradients_do
     rows, constants = in_single(scale)
 
     def value(coefficients):
-        moving = rows[0], rows[1]._replace(coefficients=coefficients, upper=jnp.full(3, 2, np.float32))
+        moving = rows[0], replace(rows[1], coefficients=coefficients, upper=jnp.full(3, 2, np.float32))
         return balance.from_place(moving, constants).numbers["value"]
 
     # The foot rises by -df / |grad f| = -df / (2 scale).
