@@ -72,11 +72,6 @@ def part_over(k: int, shape: Net | Triangles, inner: Array, complement: Array) -
     return _part_of_nets(k, degree, shape, inner, complement)
 
 
-def levels_of(shape: Net | Triangles) -> int:
-    """Return the levels of composition that cover the roundings of a part; a triangle has fewer than 20 roundings."""
-    return 1 if isinstance(shape, Triangles) else sum(shape.degrees)
-
-
 def _part_of_nets(k: int, degree: int, net: Net, inner: Array, complement: Array) -> Simplex:
     """Compose pieces of nets with maps of cells into their parameters; see `part_over`."""
     points = net.points

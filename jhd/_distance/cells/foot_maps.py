@@ -31,25 +31,21 @@ class Triangles(NamedTuple):
     """The corners (triangles, 3, 3) of triangles."""
 
     corners: Any
+    # Feet take no steps; points have three barycentric coordinates; the degrees cover fewer than 20 roundings of parts.
+    flat, parameters, degrees = True, 3, (1, 0)
 
     def piece(self, k: Array) -> "Triangles":
         """Return the triangle with index `k`, or the triangles with an array of indices."""
         return Triangles(self.corners[k])
 
-    @property
-    def parameters(self) -> int:
-        """Number of parameters: three barycentric coordinates."""
-        return 3
+    def point(self, x: Array) -> Array:
+        """Return the point of one triangle at its barycentric coordinates."""
+        return jnp.sum(x[:, None] * self.corners, axis=0)
 
 
 def weighted(shares: Array, rows: Array) -> Array:
     """Return the sums of `rows` weighted by `shares`."""
     return jnp.sum(shares[:, :, None] * rows[None], axis=1)
-
-
-def place_on(piece: Net | Triangles, x: Array) -> Array:
-    """Return the point of a piece at its parameters `x`."""
-    return jnp.sum(x[:, None] * piece.corners, axis=0) if isinstance(piece, Triangles) else jet(piece, x).point
 
 
 def foot_map(places: Array, b: Net | Triangles, start: Array, beyond: Array | float = 0.0) -> Array:
@@ -140,7 +136,7 @@ def _on_triangle(corners: Array, place: Array) -> Array:
 
 def distance_to(triangle: Triangles, place: Array) -> Array:
     """Return the distance of the point `place` from a triangle."""
-    return jnp.sqrt(jnp.sum((place_on(triangle, _on_triangle(triangle.corners, place)) - place) ** 2))
+    return jnp.sqrt(jnp.sum((triangle.point(_on_triangle(triangle.corners, place)) - place) ** 2))
 
 
 def _continued(b: Net | Triangles, place: Array, start: Array, steps: int) -> Array:
@@ -176,7 +172,7 @@ def share_on_side(
 
     def value(share: Array) -> Array:
         x = ends[0] + share * (ends[1] - ends[0])
-        return _sides(b, _continued(b, place_on(a, x), start, _FIRST + _STEPS_IN_ROOTS))[side]
+        return _sides(b, _continued(b, a.point(x), start, _FIRST + _STEPS_IN_ROOTS))[side]
 
     def step(_: Any, state: tuple[Array, ...]) -> tuple[Array, ...]:
         low, high, first, second, last, _ = state

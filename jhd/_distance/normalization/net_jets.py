@@ -35,6 +35,7 @@ class Net(NamedTuple):
 
     points: Array
     weights: Array | None
+    flat = False
 
     @property
     def degrees(self) -> tuple[int, int]:
@@ -54,6 +55,10 @@ class Net(NamedTuple):
     def piece(self, k: Array) -> "Net":
         """Return one piece, without the first axis."""
         return Net(self.points[k], None if self.weights is None else self.weights[k])
+
+    def point(self, x: Array) -> Array:
+        """Return the point of one piece at its parameters."""
+        return jet(self, x).point
 
 
 def usable_net(net: Net) -> Array:

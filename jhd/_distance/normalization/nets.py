@@ -75,8 +75,7 @@ def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
     return repeated(Net(points, weights))
 
 
-def repeated(net: Net) -> Net:
-    """Return the net with its last piece repeated up to a number of pieces that is compiled."""
-    count = net.points.shape[0]
-    index = np.minimum(np.arange(padded_count(count, small=is_traced(net.points))), count - 1)
-    return Net(net.points[index], None if net.weights is None else net.weights[index])
+def repeated(pieces: Any) -> Any:
+    """Return a net or triangles, with the last piece repeated up to a number of pieces that is compiled."""
+    count = pieces[0].shape[0]
+    return pieces.piece(np.minimum(np.arange(padded_count(count, small=is_traced(pieces[0]))), count - 1))

@@ -21,14 +21,14 @@ from jhd._distance.nearest.target import AbstractTarget, curve_in_space
 from jhd._distance.normalization.coordinates import Frame, common_points, diagonal
 from jhd._distance.normalization.host_callback import AnswerForm
 from jhd._distance.normalization.net_jets import Net
-from jhd._distance.normalization.nets import hull_of, net_of, prepare_nets
+from jhd._distance.normalization.nets import hull_of, net_of, prepare_nets, repeated
 from jhd._distance.normalization.stopping import Aim, AllowedGap, default_tolerance
 from jhd._distance.normalization.surfaces import prepare_surfaces
 from jhd._distance.search import farthest_place
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._distance.search.cell_heights import CellHeights
 from jhd._distance.search.farthest_place import FarthestSearch
-from jhd._distance.search.followed_cells import FollowedFeet, padded_pieces
+from jhd._distance.search.followed_cells import FollowedFeet
 from jhd._distance.search.followed_graphs import FollowedGraphs, FollowedOnSurface
 from jhd._distance.search.polished_place import About, place_of
 from jhd._distance.search.search import AbstractSearch
@@ -198,7 +198,7 @@ class AbstractBody(ABC):
     def feet_on(self, moved: Any) -> Any:
         """Return the shape on which feet of single points are followed; None for points."""
         pieces = self.pieces(moved)
-        return None if pieces is None else padded_pieces(pieces)
+        return None if pieces is None else repeated(pieces)
 
     def from_pieces(self, pieces: Net, moved: Any) -> FollowedOnSurface | None:
         """Return bounds over cells of curved pieces, if feet are followed on the shape as a whole."""
@@ -209,7 +209,7 @@ class AbstractBody(ABC):
         first: Any = self.pieces(pair.a)
         second, feet_on = other.pieces(pair.b), other.feet_on(pair.b)
         followed = None if second is None else FollowedFeet(first, second, target)
-        first = padded_pieces(first)
+        first = repeated(first)
         graphs = other.from_pieces(first, pair.b) if self.curved else None
         return partial(place_of, (first, feet_on)), followed, graphs
 

@@ -16,8 +16,8 @@ from jhd._arithmetic.balls import Ball
 from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.simplices import dividing, inner_lattice, lattice
 from jhd._distance.cells.arc_length_area import FlatCells, off_by, restricted
-from jhd._distance.cells.foot_map_bounds import levels_of, part_over
-from jhd._distance.cells.foot_maps import INSET, Triangles, foot_map, place_on, weighted
+from jhd._distance.cells.foot_map_bounds import part_over
+from jhd._distance.cells.foot_maps import INSET, Triangles, foot_map, weighted
 from jhd._distance.cells.normal_offset_bounds import (
     HeightBounds,
     Valley,
@@ -113,11 +113,11 @@ class CellHeights:
         # Parameters that feet come with.
         self._cuts, self._width = _CUTS[type(b)], max(2, b.parameters)
         self._parts = _parts_of(b) if isinstance(b, Net) else None
-        self._dtype, self._k = np.asarray(b[0]).dtype, 1 if isinstance(a, Net) and a.parameters == 1 else 2
+        self._dtype, self._k = np.asarray(b[0]).dtype, min(a.parameters, 2)
 
     def over(self, cells: CellRows, flat: FlatCells, found: ProvenFeet, most: np.ndarray) -> HeightBounds:
         """Return bounds over cells."""
-        corners = corners_of(cells, isinstance(self._shapes[0], Triangles))
+        corners = corners_of(cells, self._shapes[0].flat)
         count, many = corners.shape[:2]
         box = _hull_of(flat.corners, flat.slack, self._dtype)
         pairs, few = self._own(found) if self._parts is None else self._pairs(self._parts, box, found, most)
@@ -399,8 +399,8 @@ def _heights_of(
     def one(k: Array, corners: Array, j: Array, start: Array, *rest: Array) -> Any:
         low, high, beyond, normal, mid, rad = rest
         at = weighted(jnp.asarray(inner_lattice(corners.shape[0] - 1, 2, INSET), corners.dtype), corners)
-        feet = foot_map(jax.vmap(lambda x: place_on(a.piece(k), x))(at), b.piece(j), start, beyond)
-        if isinstance(b, Triangles):
+        feet = foot_map(jax.vmap(lambda x: a.piece(k).point(x))(at), b.piece(j), start, beyond)
+        if b.flat:
             # Cells are cut at the boundary of triangles, so the map may do anything beyond.
             none = jnp.zeros_like(low[0])
             return feet, Valley(none, none, none), none + 1, jnp.zeros((), bool)
@@ -417,7 +417,7 @@ def _heights_of(
         k = corners.shape[1] - 1
         part = part_over(k, a.piece(piece), inner, complement)
         other = part_over(k, b.piece(segment), sigma, 1 - sigma)
-        heights = heights_between(k, part, other, levels_of(a) + levels_of(b), growth, rest[4].T)
+        heights = heights_between(k, part, other, sum(a.degrees) + sum(b.degrees), growth, rest[4].T)
         return heights.height.T, *heights[1:], *found, inside
 
     rows = (piece, corners, shares, segment, start, low, high, beyond, normal, mid, rad)

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._arithmetic.simplices import inner_lattice
-from jhd._distance.cells.foot_map_bounds import bound_between, levels_of, part_over
+from jhd._distance.cells.foot_map_bounds import bound_between, part_over
 from jhd._distance.cells.foot_maps import (
     BEYOND,
     INSET,
@@ -28,12 +28,10 @@ from jhd._distance.cells.foot_maps import (
     beyond_sides,
     distance_to,
     foot_map,
-    place_on,
     share_on_side,
     weighted,
 )
 from jhd._distance.nearest.target import AbstractTarget, FootRows
-from jhd._distance.normalization.curves import padded_count
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.nets import repeated
 from jhd._distance.search.row_batches import each, in_blocks, in_groups
@@ -102,7 +100,7 @@ class FollowedFeet:
     """
 
     def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
-        self._target, self.shapes = target, (padded_pieces(a), padded_pieces(b))
+        self._target, self.shapes = target, (repeated(a), repeated(b))
         self._long, self._most_cuts = _LONG[type(b)], _CUTS[type(b)]
 
     def instead(self, a: Net) -> "FollowedFeet":
@@ -119,7 +117,7 @@ class FollowedFeet:
             feet: feet of each cell on pieces of b, in the order in which they are tried.
             goal: bounds below it need not be improved; one number, or one for each cell.
         """
-        corners = corners_of(cells, isinstance(self.shapes[0], Triangles))
+        corners = corners_of(cells, self.shapes[0].flat)
         many, count = corners.shape[1:3]
         whole = np.broadcast_to(np.eye(count, dtype=corners.dtype), (len(corners) * many, count, count))
         parts = self.parts(np.repeat(cells.piece, many), corners.reshape(-1, *corners.shape[2:]), whole)
@@ -130,7 +128,7 @@ class FollowedFeet:
 
     def _bounded(self, parts: Simplices, feet: FeetOfParts, goal: np.ndarray, cuts: int = 0) -> np.ndarray:
         """Return bounds of parts; `cuts` counts the cuts so far."""
-        tried = _worth_trying(feet, isinstance(self.shapes[1], Triangles))
+        tried = _worth_trying(feet, self.shapes[1].flat)
         bound = self._by_any(parts, feet, self._hopeful(parts, feet, tried, goal), goal)
         rows = np.flatnonzero(bound > goal)
         if len(rows) and cuts < self._most_cuts:
@@ -140,7 +138,7 @@ class FollowedFeet:
 
     def _hopeful(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Return the feet to try, without triangles that are too far from a corner of the part."""
-        if not isinstance(self.shapes[1], Triangles) or not np.all(goal > 0):
+        if not self.shapes[1].flat or not np.all(goal > 0):
             return tried
         rows, k = np.nonzero(tried)
         far = in_blocks(_farthest_corner, self.shapes[1], parts.points[rows], feet.segment[rows, k])
@@ -223,7 +221,7 @@ class FollowedFeet:
         span = high - low
         apt = (bent < _BENT * less) & (span < self._long) & (span > 1e-9)
         score = np.where(apt, less / np.where(span > 0, span, 1.0), 0.0)
-        if isinstance(self.shapes[1], Net):
+        if not self.shapes[1].flat:
             # The foot was not followed any farther, or is around a side that is a single point.
             score[np.any(np.abs(sides - 0.5) > 0.5 + 0.99 * BEYOND, axis=(1, 2))] = 0.0
         side = np.argmax(score, axis=1)
@@ -277,14 +275,6 @@ def corners_of(cells: CellRows, flat: bool) -> np.ndarray:
     return np.stack([first, np.stack([high, *mixed], axis=1)], axis=1)
 
 
-def padded_pieces(shape: Net | Triangles) -> Net | Triangles:
-    """Return the shape, padded to a number of pieces that functions are compiled for."""
-    if isinstance(shape, Net):
-        return repeated(shape)
-    count = len(shape.corners)
-    return Triangles(np.asarray(shape.corners)[np.minimum(np.arange(padded_count(count, small=False)), count - 1)])
-
-
 def _worth_trying(feet: FeetOfParts, flat: bool) -> np.ndarray:
     """Return a mask of at most _MOST feet of each cell: on new pieces or, if not `flat`, at new parameters."""
     columns = [feet.segment[:, 0] >= 0]
@@ -305,11 +295,11 @@ def _bounds_of(
     """Return upper bounds of the distances over parts of cells, by foot maps into pieces of b."""
     a, b = shapes
     # Graphs of surfaces may slightly leave the box of the surfaces.
-    size = jnp.maximum(jnp.max(jnp.abs(a.points)), 1.0) if isinstance(a, Net) else 1.0
+    size = 1.0 if a.flat else jnp.maximum(jnp.max(jnp.abs(a.points)), 1.0)
 
     def one(k: Array, corners: Array, segment: Array, start: Array) -> Array:
         at = weighted(jnp.asarray(inner_lattice(corners.shape[0] - 1, 2, INSET), corners.dtype), corners)
-        return foot_map(jax.vmap(lambda x: place_on(a.piece(k), x))(at), b.piece(segment), start)
+        return foot_map(jax.vmap(lambda x: a.piece(k).point(x))(at), b.piece(segment), start)
 
     def group(piece: Array, corners: Array, shares: Array, segment: Array, start: Array) -> Array:
         # Sums of non-negative numbers, so that relative errors are those of a few roundings.
@@ -319,7 +309,7 @@ def _bounds_of(
         k = corners.shape[1] - 1
         part = part_over(k, a.piece(piece), inner, complement)
         other = part_over(k, b.piece(segment), sigma, 1 - sigma)
-        return bound_between(k, part, other, levels_of(a) + levels_of(b), size)
+        return bound_between(k, part, other, sum(a.degrees) + sum(b.degrees), size)
 
     return in_groups(group, count, (piece, corners, shares, segment, start), _LANES_OF_PARTS)
 
@@ -351,4 +341,4 @@ def _shares(
 
 @compiled
 def _places_of(a: Any, count: Array, piece: Array, x: Array) -> Array:
-    return each(lambda k, x: place_on(a.piece(k), x), count, (piece, x), _LANES)
+    return each(lambda k, x: a.piece(k).point(x), count, (piece, x), _LANES)

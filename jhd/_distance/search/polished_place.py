@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd._distance.cells.foot_maps import Triangles, foot_near, place_on
+from jhd._distance.cells.foot_maps import Triangles, foot_near
 from jhd._distance.nearest.surface_points import local_feet
 from jhd._distance.nearest.target import FootRows
 from jhd._distance.normalization.net_jets import Net, jet
@@ -163,7 +163,7 @@ def _domain(a: Net | Triangles, n: int) -> tuple[np.ndarray, np.ndarray]:
 def _within(a: Net | Triangles, x: np.ndarray) -> np.ndarray:
     """Return parameters moved into the domain, and onto sides that they miss by rounding only."""
     x = np.where(np.abs(x - np.round(x)) <= _ROUNDED, np.round(x), np.clip(x, 0.0, 1.0))
-    return np.array([x[0], 1 - x[0]]) if isinstance(a, Triangles) and np.sum(x) > 1 - _ROUNDED else x
+    return np.array([x[0], 1 - x[0]]) if a.flat and np.sum(x) > 1 - _ROUNDED else x
 
 
 def _held(a: Net | Triangles, x: np.ndarray, slope: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +200,7 @@ def _followed_to(shapes: Any, count: Array, piece: Array, x: Array, segment: Arr
         point, tangents = _point_and_tangents(a.piece(k), x)
         if isinstance(b, Net | Triangles):
             foot = foot_near(b.piece(segment), point, start)
-            return point, tangents, place_on(b.piece(segment), foot), foot
+            return point, tangents, b.piece(segment).point(foot), foot
         foot = start if b is None else local_feet(b, point[:, None], start[:, None], _FOOT_STEPS)[:, 0]
         return point, tangents, foot, foot
 
@@ -210,6 +210,6 @@ def _followed_to(shapes: Any, count: Array, piece: Array, x: Array, segment: Arr
 def _point_and_tangents(a: Net | Triangles, x: Array) -> tuple[Array, Array]:
     if isinstance(a, Triangles):
         weights = jnp.concatenate([1 - jnp.sum(x, keepdims=True), x])
-        return place_on(a, weights), a.corners[1:] - a.corners[0]
+        return a.point(weights), a.corners[1:] - a.corners[0]
     at = jet(a, x)
     return at.point, at.first

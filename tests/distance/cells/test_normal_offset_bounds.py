@@ -10,7 +10,7 @@ import pytest
 from jhd._arithmetic.balls import Ball
 from jhd._arithmetic.bernstein import basis
 from jhd._arithmetic.simplices import lattice, multinomials
-from jhd._distance.cells.foot_map_bounds import levels_of, part_over
+from jhd._distance.cells.foot_map_bounds import part_over
 from jhd._distance.cells.normal_offset_bounds import growth_beyond, heights_between, valley
 from jhd._distance.normalization.net_jets import Net
 from tests.sweeps import swept
@@ -77,7 +77,7 @@ def test_heights_in_single_precision_are_within_their_errors(degrees, rational, 
         growth = jax.vmap(lambda net, x: growth_beyond(net, jnp.min(x, axis=0), jnp.max(x, axis=0)))(b, sigma)
         inner, complement, feet = (jnp.moveaxis(x, 0, -1) for x in (corners, 1 - corners, sigma))
         parts = part_over(k, a, inner, complement), part_over(k, b, feet, 1 - feet)
-        return heights_between(k, *parts, levels_of(a) + levels_of(b), growth, normal.T)
+        return heights_between(k, *parts, sum(a.degrees) + sum(b.degrees), growth, normal.T)
 
     found = jax.tree_util.tree_map(np.asarray, jax.jit(heights)(a, b, corners, sigma, normal))
     degree = next(n for n in range(40) if len(lattice(k, n)) == len(found.height))
