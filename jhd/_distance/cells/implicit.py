@@ -22,11 +22,6 @@ from jhd._distance.normalization.net_jets import Net, enclosed, eta, jet, point_
 from jhd._distance.normalization.surfaces import Side
 
 
-def parameters(shape: Net | Side) -> int:
-    """Number of parameters of a cell."""
-    return 3 if isinstance(shape, Side) else shape.parameters
-
-
 def size_of(shape: Net | Side) -> Array:
     """Largest absolute coordinate of the shape or of its box."""
     if isinstance(shape, Side):

@@ -37,7 +37,6 @@ from jhd._distance.cells.implicit import (
     Local,
     between,
     error_of,
-    parameters,
     polynomial_at,
     shape_at,
     shape_over,
@@ -45,7 +44,7 @@ from jhd._distance.cells.implicit import (
 from jhd._distance.cells.pairs import Cell, PairBound, bends, expand, joined, newton_step
 from jhd._distance.nearest.surface_points import proven_radius, returned
 from jhd._distance.normalization.isolated import cleared
-from jhd._distance.normalization.net_jets import Net, jet, part_of, skew
+from jhd._distance.normalization.net_jets import Net, part_of, skew
 from jhd._distance.normalization.surfaces import Side
 
 # Steps of Newton's method on the Lagrange system of a cell.
@@ -123,7 +122,7 @@ class _LagrangePlace(NamedTuple):
 
 
 def _there(a: Net | Side, b: Net | Side, parts: tuple[Any, Any], cell: Cell, z: Array) -> tuple[At, At]:
-    n, width = parameters(a), cell.high - cell.low
+    n, width = a.parameters, cell.high - cell.low
     return (
         shape_at(a, parts[0], cell.low[:n], width[:n], z[:n]),
         shape_at(b, parts[1], cell.low[n:], width[n:], z[n:]),
@@ -132,7 +131,7 @@ def _there(a: Net | Side, b: Net | Side, parts: tuple[Any, Any], cell: Cell, z: 
 
 def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: int = _STEPS) -> _LagrangePlace:
     """Solve the Lagrange system approximately in a cell, its sides as constraints; nothing is proven."""
-    n = parameters(a)
+    n = a.parameters
     parts = _part(a, cell.piece_a, cell.low[:n], cell.high[:n]), _part(b, cell.piece_b, cell.low[n:], cell.high[n:])
 
     def step(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -160,7 +159,7 @@ def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: in
 
 def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> PairBound:
     """Return the bounds over one pair of cells: lower ones of the module, an upper one by proven points."""
-    n, dtype, width = parameters(a), cell.low.dtype, cell.high - cell.low
+    n, dtype, width = a.parameters, cell.low.dtype, cell.high - cell.low
     place = stationary(a, b, cell, jnp.full(cell.low.shape, 0.5, dtype))
     local = (
         shape_over(a, place.parts[0], cell.low[:n], cell.high[:n]),
@@ -186,7 +185,7 @@ def _of_second_order(
     a: Net | Side, b: Net | Side, cell: Cell, place: _LagrangePlace, over: "_Stacked", apart: Ball
 ) -> Array:
     """Return the larger of the bounds by F and by the unit vector that joins the points; see the module."""
-    z, n, dtype = place.z, parameters(a), cell.low.dtype
+    z, n, dtype = place.z, a.parameters, cell.low.dtype
     there = _there(a, b, place.parts, cell, z)
     now = _lagrange(*there)
     distance = length(now.e)
@@ -208,7 +207,7 @@ def _excluded(
     a: Net | Side, b: Net | Side, cell: Cell, local: tuple[Local, Local], over: "_Stacked", apart: Ball
 ) -> Array:
     """Return whether the cell is proven to hold no nearest pair."""
-    n, low, high = parameters(a), cell.low, cell.high
+    n, low, high = a.parameters, cell.low, cell.high
     out = jnp.zeros((), bool)
     naive = dot(over.first, Ball(apart.mid[None], apart.rad[None]))
     for shape, side, span in ((a, local[0], slice(0, n)), (b, local[1], slice(n, None))):
@@ -358,21 +357,18 @@ def _not_parallel(shape: Side, side: Local, apart: Ball, low: Array, high: Array
 
 def _proven(a: Net | Side, b: Net | Side, cell: Cell, place: _LagrangePlace) -> tuple[Array, Array, Array]:
     """Upper bound of the distance by points proven near `place`, their parameters (or coordinates) and distance."""
-    n, places = parameters(a), cell.low + place.z * (cell.high - cell.low)
-    radii, moved = [], []
-    for shape, span in ((a, slice(0, n)), (b, slice(n, None))):
+    n, places = a.parameters, cell.low + place.z * (cell.high - cell.low)
+    points, radii, moved = [], [], []
+    for shape, span, part in ((a, slice(0, n), place.parts[0]), (b, slice(n, None), place.parts[1])):
         if isinstance(shape, Side):
             near = jnp.clip(places[span], jnp.asarray(shape.lower), jnp.asarray(shape.upper))
             found = returned(shape, near[:, None], _BACK)
-            point, radius = found[:, 0], proven_radius(shape, found)[0]
+            radius, own = proven_radius(shape, found)[0], found[:, 0]
         else:
-            point, radius = places[span], error_of(shape)
-        moved.append(point)
+            radius, own = error_of(shape), places[span]
+        moved.append(own)
         radii.append(radius)
-    points = [
-        moved[k] if isinstance(shape, Side) else jet(place.parts[k], span).point
-        for k, (shape, span) in enumerate(((a, place.z[:n]), (b, place.z[n:])))
-    ]
+        points.append(own if part is None else part.point(place.z[span]))
     distance = length(points[0] - points[1])
     return joined_upper(distance, jnp.stack(radii)), jnp.concatenate(moved), distance
 

@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._arithmetic.rounding import gamma
-from jhd._distance.cells.implicit import parameters
 from jhd._distance.cells.lagrange import WithSurface
 from jhd._distance.cells.pairs import Cell, PairBound, Parametric
 from jhd._distance.cells.tracked_feet_minimum import MovingPoint
@@ -63,7 +62,7 @@ class WithMovingFeet(NamedTuple):
 
     def bound(self, cell: Cell) -> PairBound:
         """Return the shapes' own bounds over one pair of cells, after parts without a point are cut off."""
-        n = parameters(self.still.a)
+        n = self.still.a.parameters
         for shape, part in ((self.still.a, slice(0, n)), (self.still.b, slice(n, None))):
             if isinstance(shape, Side):
                 low, high = narrowed(shape, cell.low[part], cell.high[part])
@@ -73,7 +72,7 @@ class WithMovingFeet(NamedTuple):
     def moving_points(self, cell: Cell, x: Array) -> tuple[MovingPoint, Array]:
         """Return the moving points, and whether L seems convex at the foot of their middle; x is a pair of points."""
         a, b, cell, start = self._turned(cell, x)
-        on_a, n = points_over(a, cell), parameters(a)
+        on_a, n = points_over(a, cell), a.parameters
         other = cell.low[n:], cell.high[n:]
         if isinstance(b, Side):
             return on_a, seems_convex(b, on_a.point.terms[0], *other, start)
@@ -86,7 +85,7 @@ class WithMovingFeet(NamedTuple):
 
     def _turned(self, cell: Cell, x: Array) -> tuple[Net | Side, Net | Side, Cell, Array]:
         """Return the shape with the moving points, the shape with the feet, their cells and the start of a foot."""
-        a, b, n = self.still.a, self.still.b, parameters(self.still.a)
+        a, b, n = self.still.a, self.still.b, self.still.a.parameters
         if not self.on_first:
             return a, b, cell, x[n:]
         low, high = (jnp.concatenate([x[n:], x[:n]]) for x in (cell.low, cell.high))
@@ -104,7 +103,7 @@ class WithMovingFeet(NamedTuple):
         Returns:
             The lengths, negative along parameters that are not to be cut.
         """
-        n = parameters(self.still.a)
+        n = self.still.a.parameters
         follow = (np.arange(extent.shape[1]) < n) == self.on_first
         on_surface = isinstance(self.still.a if self.on_first else self.still.b, Side)
         first, second, most = (np.max(x, axis=1) for x in (extent[:, ~follow], extent[:, follow], moving.bent))
@@ -157,14 +156,14 @@ def moving_bound(a: Net | Side, b: Net | Side, cell: Cell, start: Array) -> Movi
 
 def points_over(a: Net | Side, cell: Cell) -> MovingPoint:
     """Return the polynomials near the first shape over a cell."""
-    n = parameters(a)
+    n = a.parameters
     own = cell.low[:n], cell.high[:n]
     return points_of_surface(a, *own) if isinstance(a, Side) else points_of_net(a.piece(cell.piece_a), *own)
 
 
 def _bound_of(on_a: MovingPoint, b: Net | Side, cell: Cell, start: Array) -> tuple[Array, Array]:
     """Return the bound, and whether L is proven convex."""
-    dtype, n = cell.low.dtype, cell.low.size - parameters(b)
+    dtype, n = cell.low.dtype, cell.low.size - b.parameters
     other = cell.low[n:], cell.high[n:]
     if isinstance(b, Side):
         square = square_to_surface(b, on_a.point, *other, start)

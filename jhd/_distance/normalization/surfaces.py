@@ -55,6 +55,16 @@ class Side(NamedTuple):
     upper: Any  # (3,)
     vanishing: Any  # (3, 3, 3)
     isolated: IsolatedPoints = none_known(np.float64)
+    # A cell is a part of the box.
+    parameters = 3
+
+    def piece(self, k: Array) -> "Side":
+        """Return the surface, which is its own only piece."""
+        return self
+
+    def point(self, x: Array) -> Array:
+        """Return a point from its coordinates."""
+        return x
 
     @property
     def vanishing_faces(self) -> tuple[Array, Array]:

@@ -14,13 +14,13 @@ from jaxtyping import Array
 
 from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.scaling import length
-from jhd._distance.cells.implicit import error_of, parameters, size_of
+from jhd._distance.cells.implicit import error_of, size_of
 from jhd._distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd._distance.cells.pairs import BestPair, Cell
 from jhd._distance.nearest.surface_points import exact_radius
 from jhd._distance.normalization.coordinates import Frame, extremes
 from jhd._distance.normalization.host_callback import from_program
-from jhd._distance.normalization.net_jets import Net, jet
+from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.nets import net_of, repeated
 from jhd._distance.normalization.surfaces import Side, prepare_surfaces
 from jhd._distance.search.branch_and_bound import BranchAndBound
@@ -249,7 +249,7 @@ def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
     cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
     # Every first cut is along the longest side of a box: the pieces of a net are small already. Of two surfaces the
     # first one is cut: the second may do whole.
-    sides = [jnp.zeros(parameters(side)) for side in problem[:2]]
+    sides = [jnp.zeros(side.parameters) for side in problem[:2]]
     k = 0 if isinstance(problem.a, Side) else 1
     cut: Any = problem[k]
     sides[k] = cut.upper - cut.lower
@@ -269,21 +269,17 @@ def _ends(side: Net | Side) -> tuple[Array, Array]:
     """Return the ends of the parameters."""
     if isinstance(side, Side):
         return side.lower, side.upper
-    return jnp.zeros(parameters(side), side.points.dtype), jnp.ones(parameters(side), side.points.dtype)
+    return jnp.zeros(side.parameters, side.points.dtype), jnp.ones(side.parameters, side.points.dtype)
 
 
 def _outcome(problem: WithSurface, wanted: WantedGap, reached: Reached) -> Outcome:
-    best, n, dtype = reached.best, parameters(problem.a), reached.lower.dtype
-    point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
+    best, n, dtype = reached.best, problem.a.parameters, reached.lower.dtype
+    point_a, point_b = problem.a.piece(best.piece_a).point(best.x[:n]), problem.b.piece(best.piece_b).point(best.x[n:])
     best = best._replace(distance=jnp.where(jnp.isfinite(best.upper), length(point_a - point_b), jnp.inf))
     # Change by flushing coordinates below the smallest normal number.
     flushed = 16 * smallest_normal(dtype)
     lower, upper = jnp.maximum(reached.lower * (1 - gamma(6, dtype)) - flushed, 0.0), best.upper + flushed
     return outcome(wanted, reached, best, (lower, upper), (point_a, point_b), problem.floor)
-
-
-def _point(side: Net | Side, k: Array, x: Array) -> Array:
-    return x if isinstance(side, Side) else jet(side.piece(k), x).point
 
 
 _begun = compiled(_begin, (2,))
@@ -292,7 +288,7 @@ _begun = compiled(_begin, (2,))
 @partial(compiled, static=(3,))
 def _filled(problem: WithSurface, pairs: NearPairs, best: BestPair, capacity: int) -> ClosestState:
     """Return the table with pairs of cells of the surface and whole pieces."""
-    n, count, dtype = parameters(problem.a), pairs.lower.shape[0], pairs.lower.dtype
+    n, count, dtype = problem.a.parameters, pairs.lower.shape[0], pairs.lower.dtype
     ends = jnp.zeros((count, n), dtype), jnp.ones((count, n), dtype)
     low, high = (jnp.concatenate(x, axis=1) for x in zip(ends, (pairs.low, pairs.high), strict=True))
     cells = Cell(jnp.asarray(pairs.piece), jnp.zeros(count, int), low, high)
@@ -320,8 +316,8 @@ def _with_room(problem: WithSurface, best: BestPair) -> WithSurface:
 @compiled
 def _room(problem: WithSurface, best: BestPair) -> Array:
     """Return the room for rounding about the nearest points found, which may be far smaller than the boxes."""
-    n = parameters(problem.a)
-    point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
+    n = problem.a.parameters
+    point_a, point_b = problem.a.piece(best.piece_a).point(best.x[:n]), problem.b.piece(best.piece_b).point(best.x[n:])
     reach = jnp.maximum(jnp.max(jnp.abs(point_a)), jnp.max(jnp.abs(point_b)))
     size = jnp.maximum(size_of(problem.a), size_of(problem.b))
     return jnp.where(jnp.isfinite(best.upper), _ROOM * reach / jnp.where(size > 0, size, 1.0), 0.0)
@@ -341,7 +337,7 @@ def _sharp(task: _SurfaceTask, best: BestPair) -> BestPair:
     problem = task.problem
     if not np.isfinite(np.asarray(best.upper)):
         return best
-    n = parameters(problem.a)
+    n = problem.a.parameters
     for x in (_solved(problem, best), best.x):
         radii = [
             exact_radius(shape, side, task.frame, np.asarray(part)) if isinstance(side, Side) else float(error_of(side))
@@ -366,8 +362,8 @@ def _solved(problem: WithSurface, best: BestPair) -> Array:
 
 @compiled
 def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> BestPair:
-    n = parameters(problem.a)
-    distance = length(_point(problem.a, best.piece_a, x[:n]) - _point(problem.b, best.piece_b, x[n:]))
+    n = problem.a.parameters
+    distance = length(problem.a.piece(best.piece_a).point(x[:n]) - problem.b.piece(best.piece_b).point(x[n:]))
     upper = joined_upper(distance, radii)
     new = BestPair(upper, distance, best.piece_a, best.piece_b, x)
     return BestPair(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))

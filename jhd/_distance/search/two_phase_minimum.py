@@ -17,7 +17,6 @@ from typing_extensions import override
 
 from jhd._arithmetic.polynomials import jets
 from jhd._arithmetic.truncated import Truncated
-from jhd._distance.cells.implicit import parameters
 from jhd._distance.cells.lagrange import WithSurface
 from jhd._distance.cells.pairs import BestPair, Cell, PairBound, Parametric
 from jhd._distance.cells.tracked_feet import MovingBound, WithFeetOnFirst, WithMovingFeet
@@ -229,9 +228,9 @@ def _with_feet(problem: Parametric | WithSurface, best: BestPair) -> type[WithMo
 @compiled
 def _bends(problem: Parametric | WithSurface, best: BestPair) -> Array:
     """Return the least second derivative of half the squared distance along each shape, in lengths; at most one."""
-    n = parameters(problem.a)
+    n = problem.a.parameters
     sides = (problem.a, best.piece_a, best.x[:n]), (problem.b, best.piece_b, best.x[n:])
-    points = [x if isinstance(shape, Side) else jet(shape.piece(k), x).point for shape, k, x in sides]
+    points = [shape.piece(k).point(x) for shape, k, x in sides]
     e = points[0] - points[1]
     return jnp.stack([_bend(*sides[0], e), _bend(*sides[1], -e)])
 
