@@ -69,23 +69,18 @@ def part_over(k: int, shape: Net | Triangles, inner: Array, complement: Array) -
     if isinstance(shape, Triangles):
         corners = jnp.moveaxis(shape.corners, 0, -1)
         return Simplex(scaled(k, degree, jnp.sum(inner[:, :, None] * corners[None], axis=1)), None)
-    return _part_of_nets(k, degree, shape, inner, complement)
-
-
-def _part_of_nets(k: int, degree: int, net: Net, inner: Array, complement: Array) -> Simplex:
-    """Compose pieces of nets with maps of cells into their parameters; see `part_over`."""
-    points = net.points
-    if net.weights is not None:
-        points = jnp.concatenate([points * net.weights[..., None], net.weights[..., None]], axis=-1)
+    points = shape.points
+    if shape.weights is not None:
+        points = jnp.concatenate([points * shape.weights[..., None], shape.weights[..., None]], axis=-1)
     rows = jnp.moveaxis(points, 0, -1)
     rows = rows.reshape(*rows.shape[:2], *(1,) * k, *rows.shape[2:])
     # (*entries, 2, parameters, cells), looked up at once.
     both = scaled(k, degree, jnp.stack([inner, complement], axis=1))
-    for axis in range(net.parameters):
+    for axis in range(shape.parameters):
         rows = composed(k, rows, *(both[(*(slice(None),) * k, i, axis)] for i in range(2)))
-    if net.parameters == 1:
+    if shape.parameters == 1:
         rows = rows[0]
-    if net.weights is None:
+    if shape.weights is None:
         return Simplex(rows, None)
     at = (slice(None),) * k
     return Simplex(rows[(*at, slice(3))], rows[(*at, 3)])

@@ -58,21 +58,20 @@ def foot_map(places: Array, b: Net | Triangles, start: Array, beyond: Array | fl
         beyond: how far a net is continued beyond its sides.
     """
     matrix = fitting(1 if len(places) == 3 else 2, 2, INSET).astype(places.dtype)
-    if isinstance(b, Triangles):
-        feet = jax.vmap(lambda p: _on_triangle(b.corners, p))(places)
+    if b.flat:
+        feet = jax.vmap(lambda p: foot_near(b, p, start))(places)
         found = jnp.maximum(jnp.sum(matrix[:, :, None] * feet[None], axis=1), 0.0)
         return found / jnp.sum(found, axis=1, keepdims=True)
     feet = _followed(b, places, jnp.mean(places, axis=0), start, beyond)
     return jnp.clip(jnp.sum(matrix[:, :, None] * feet[None], axis=1), -beyond, 1 + beyond)
 
 
-def foot_near(b: Net | Triangles, place: Array, start: Array) -> Array:
-    """Return the parameters of the foot of `place` on a piece, searched from `start`."""
-    return _on_triangle(b.corners, place) if isinstance(b, Triangles) else _newton(b, place, start, _FIRST + _STEPS)
-
-
-def _newton(b: Net, place: Array, start: Array, steps: int, beyond: Array | float = 0.0) -> Array:
-    """Return the parameters of b at about the foot of `place`, from `start`, at most `beyond` outside of its sides."""
+def foot_near(
+    b: Net | Triangles, place: Array, start: Array, steps: int = _FIRST + _STEPS, beyond: float = 0.0
+) -> Array:
+    """Return the parameters of the foot of `place` on a piece, or `beyond` its sides, searched from `start`."""
+    if isinstance(b, Triangles):
+        return (_in_plane if beyond else _on_triangle)(b.corners, place)
     return foot_between(b, place, start, steps, -beyond, 1 + beyond)
 
 
@@ -96,7 +95,7 @@ def stepped(at: NetJet, place: Array, x: Array, low: Array | float, high: Array 
     return jnp.clip(jnp.where(jnp.isfinite(moved), moved, x), low, high)
 
 
-def _followed(b: Net, places: Array, middle: Array, start: Array, beyond: Array | float) -> Array:
+def _followed(b: Any, places: Array, middle: Array, start: Array, beyond: Array | float) -> Array:
     """Return the parameters of the feet of `places`, found from `start` by way of the foot of `middle`.
 
     All first go to the foot of the middle, side by side: one loop compiles in half the time of two.
@@ -139,20 +138,15 @@ def distance_to(triangle: Triangles, place: Array) -> Array:
     return jnp.sqrt(jnp.sum((triangle.point(_on_triangle(triangle.corners, place)) - place) ** 2))
 
 
-def _continued(b: Net | Triangles, place: Array, start: Array, steps: int) -> Array:
-    """Return the parameters of the foot on the piece continued beyond its sides."""
-    return _in_plane(b.corners, place) if isinstance(b, Triangles) else _newton(b, place, start, steps, BEYOND)
-
-
 def _sides(b: Net | Triangles, x: Array) -> Array:
     """Return one number for each side: positive inside the piece and zero on that side."""
-    return x if isinstance(b, Triangles) else jnp.concatenate([x, 1 - x])
+    return x if b.flat else jnp.concatenate([x, 1 - x])
 
 
 def beyond_sides(b: Net | Triangles, points: Array, start: Array) -> Array:
     """Return how far inside each side of a piece the feet of points are, (points, sides); negative beyond it."""
-    if isinstance(b, Triangles):
-        return jax.vmap(lambda p: _sides(b, _in_plane(b.corners, p)))(points)
+    if b.flat:
+        return jax.vmap(lambda p: _sides(b, foot_near(b, p, start, beyond=BEYOND)))(points)
     return jax.vmap(partial(_sides, b))(_followed(b, points, points[-1], start, BEYOND))
 
 
@@ -172,7 +166,7 @@ def share_on_side(
 
     def value(share: Array) -> Array:
         x = ends[0] + share * (ends[1] - ends[0])
-        return _sides(b, _continued(b, a.point(x), start, _FIRST + _STEPS_IN_ROOTS))[side]
+        return _sides(b, foot_near(b, a.point(x), start, _FIRST + _STEPS_IN_ROOTS, BEYOND))[side]
 
     def step(_: Any, state: tuple[Array, ...]) -> tuple[Array, ...]:
         low, high, first, second, last, _ = state

@@ -41,8 +41,6 @@ _PARTS, _MOST_ALONG = 1 << 14, 32
 _MOST_PIECES, _BEYOND = 6, 0.5
 # How often simplices over which heights change their signs are divided.
 _LEVELS = 2
-# How often simplices are cut, and then their parts: about a corner of patches two lines meet, of triangles three.
-_CUTS = {Net: 2, Triangles: 3}
 # Cells processed in one batch.
 _LANES, _LANES_OF_PARTS = 8, 16
 # Pairs of cells and boxes that are formed at once.
@@ -111,7 +109,7 @@ class CellHeights:
         self._followed = FollowedFeet(a, b, target)
         self._shapes = self._followed.shapes
         # Parameters that feet come with.
-        self._cuts, self._width = _CUTS[type(b)], max(2, b.parameters)
+        self._width = max(2, b.parameters)
         self._parts = _parts_of(b) if isinstance(b, Net) else None
         self._dtype, self._k = np.asarray(b[0]).dtype, min(a.parameters, 2)
 
@@ -159,7 +157,7 @@ class CellHeights:
         pairs = _NearPieces(index, feet.segment[:, 0], *sides, feet.t[:, 0, :n])
         box = _Hull(np.zeros((len(index), 3)), np.ones((len(index), 3)))
         bounds = _upper(self._k, self._seen(parts, pairs, normal, box, 0.0))
-        if cuts < self._cuts:
+        if cuts < self._followed.most_cuts:
             rows, smaller, feet = self._followed.cut(parts, feet, feet.segment >= 0)
             if len(rows):
                 many = len(smaller.piece) // len(rows)

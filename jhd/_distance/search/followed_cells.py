@@ -101,7 +101,7 @@ class FollowedFeet:
 
     def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
         self._target, self.shapes = target, (repeated(a), repeated(b))
-        self._long, self._most_cuts = _LONG[type(b)], _CUTS[type(b)]
+        self._long, self.most_cuts = _LONG[type(b)], _CUTS[type(b)]
 
     def instead(self, a: Net) -> "FollowedFeet":
         """Return a copy for cells of the net `a`, whose number of pieces is one that functions are compiled for."""
@@ -131,7 +131,7 @@ class FollowedFeet:
         tried = _worth_trying(feet, self.shapes[1].flat)
         bound = self._by_any(parts, feet, self._hopeful(parts, feet, tried, goal), goal)
         rows = np.flatnonzero(bound > goal)
-        if len(rows) and cuts < self._most_cuts:
+        if len(rows) and cuts < self.most_cuts:
             by_cuts = self._by_cuts(parts.take(rows), feet.take(rows), tried[rows], goal[rows], cuts)
             bound[rows] = np.fmin(bound[rows], by_cuts)
         return bound

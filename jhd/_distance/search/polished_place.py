@@ -155,7 +155,7 @@ def _newton(bent: np.ndarray, slopes: np.ndarray, distance: np.ndarray) -> tuple
 def _domain(a: Net | Triangles, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and bounds of the linear inequalities rows @ x <= bounds for the parameters of a piece."""
     eye = np.eye(n)
-    if isinstance(a, Triangles):
+    if a.flat:
         return np.concatenate([-eye, np.ones((1, 2))]), np.array([0.0, 0.0, 1.0])
     return np.concatenate([-eye, eye]), np.append(np.zeros(n), np.ones(n))
 
