@@ -59,9 +59,9 @@ class At(NamedTuple):
     bent: Array | None
 
 
-def shape_at(shape: Net | Side, part: Any, low: Array, width: Array, x: Array) -> At:
-    """Evaluate a shape, not enclosed, at the point x of [0, 1]^n in the cell that starts at `low`."""
-    if not isinstance(shape, Side):
+def shape_at(shape: Any, part: Net | None, low: Array, width: Array, x: Array) -> At:
+    """Evaluate a shape, of which a net has a part, at x of [0, 1]^n in the cell that starts at `low`; not enclosed."""
+    if part is not None:
         j = jet(part, x)
         return At(j.point, j.first, j.second, None, None, None)
     point = low + x * width
@@ -70,9 +70,9 @@ def shape_at(shape: Net | Side, part: Any, low: Array, width: Array, x: Array) -
     return At(point, jnp.diag(width), zero, value, gradient * width, bent * width[:, None] * width)
 
 
-def shape_over(shape: Net | Side, part: Any, low: Array, high: Array) -> Local:
-    """Enclose a shape over a cell."""
-    if not isinstance(shape, Side):
+def shape_over(shape: Any, part: Net | None, low: Array, high: Array) -> Local:
+    """Enclose a shape, of which a net has a part, over a cell."""
+    if part is not None:
         size = size_of(shape)
         j = enclosed(part, eta(shape) * size, eta(shape))
         return Local(j.point, j.first, j.second, None, None, None)

@@ -203,18 +203,15 @@ def _of_second_order(
     return jnp.maximum(*(jnp.where(jnp.isnan(x), 0.0, x) for x in (by_f, by_psi)))
 
 
-def _excluded(
-    a: Net | Side, b: Net | Side, cell: Cell, local: tuple[Local, Local], over: "_Stacked", apart: Ball
-) -> Array:
+def _excluded(a: Any, b: Any, cell: Cell, local: tuple[Local, Local], over: "_Stacked", apart: Ball) -> Array:
     """Return whether the cell is proven to hold no nearest pair."""
     n, low, high = a.parameters, cell.low, cell.high
     out = jnp.zeros((), bool)
     naive = dot(over.first, Ball(apart.mid[None], apart.rad[None]))
     for shape, side, span in ((a, local[0], slice(0, n)), (b, local[1], slice(n, None))):
-        if isinstance(shape, Side):
-            value: Any = side.value
+        if side.value is not None:
             ends = low[span], high[span]
-            out |= (value.lower > 0) | (value.upper < 0) | _not_parallel(shape, side, apart, *ends)
+            out |= (side.value.lower > 0) | (side.value.upper < 0) | _not_parallel(shape, side, apart, *ends)
             out |= cleared(shape.isolated, *(x[:, None] for x in ends))[0]
         else:
             rising, falling = naive.lower[span] > 0, naive.upper[span] < 0
@@ -245,7 +242,7 @@ def _pointwise(a: Any, b: Any, at: tuple[At, At], place: Array, n: int, parts: t
     total = place.shape[0]
     for shape, here, span, part in zip((a, b), at, (slice(0, n), slice(n, None)), parts, strict=True):
         wrong = error_of(shape)
-        if isinstance(shape, Side):
+        if part is None:
             # The point is a float by definition, at a parameter that differs by its rounding.
             value, gradient = polynomial_at(shape, place[span])
             values.append(value)
@@ -355,12 +352,12 @@ def _not_parallel(shape: Side, side: Local, apart: Ball, low: Array, high: Array
     return jnp.any(((cross.lower > 0) | (cross.upper < 0)) & inside[i] & inside[j])
 
 
-def _proven(a: Net | Side, b: Net | Side, cell: Cell, place: _LagrangePlace) -> tuple[Array, Array, Array]:
+def _proven(a: Any, b: Any, cell: Cell, place: _LagrangePlace) -> tuple[Array, Array, Array]:
     """Upper bound of the distance by points proven near `place`, their parameters (or coordinates) and distance."""
     n, places = a.parameters, cell.low + place.z * (cell.high - cell.low)
     points, radii, moved = [], [], []
     for shape, span, part in ((a, slice(0, n), place.parts[0]), (b, slice(n, None), place.parts[1])):
-        if isinstance(shape, Side):
+        if part is None:
             near = jnp.clip(places[span], jnp.asarray(shape.lower), jnp.asarray(shape.upper))
             found = returned(shape, near[:, None], _BACK)
             radius, own = proven_radius(shape, found)[0], found[:, 0]
