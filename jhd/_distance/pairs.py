@@ -155,7 +155,7 @@ class CurvePair(AbstractPair):
             solution, self._told[turned] = found
             return in_direction(solution, direction)
         if isinstance(method, BranchAndBound):
-            wanted = wanted_of(method, a, self._frame, aim)
+            wanted = wanted_of(method, self._frame, aim)
             search = CurveSearch(a, b, wanted, direction, length_of_table(method, a), method.max_steps)
             return drive(search, self._listener, direction)
         run = method._directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
@@ -203,7 +203,7 @@ class SurfacePair(AbstractPair):
         if is_tracing(pair, method, aim):
             found, _ = by_kept_program(_surface, self._answers(), ((method, self._frame), pair, aim))
             return in_direction(found, direction)
-        wanted, capacity = wanted_of(method, pair.a, self._frame, aim), length_of_table(method, pair.a)
+        wanted, capacity = wanted_of(method, self._frame, aim), length_of_table(method, pair.a)
         return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
 
     @override

@@ -98,7 +98,7 @@ class BranchAndBound(AbstractHausdorffMethod):
 
         if jax.default_backend() == "cpu":
             search = sequential_vmap(search)
-        return search(a, b, wanted_of(self, a, frame, aim))
+        return search(a, b, wanted_of(self, frame, aim))
 
     def _directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: DIRECTIONS) -> HausdorffSolution:
         """The directed distance of surfaces in common coordinates, in one loop; called by `jhd.directed_hausdorff`."""
@@ -108,7 +108,7 @@ class BranchAndBound(AbstractHausdorffMethod):
 
         if jax.default_backend() == "cpu":
             search = sequential_vmap(search)
-        return search(pair, wanted_of(self, pair.a, frame, aim))
+        return search(pair, wanted_of(self, frame, aim))
 
 
 @lru_cache(maxsize=1)
@@ -172,10 +172,9 @@ def length_of_table(method: BranchAndBound, a: BezierSegments | Target) -> int:
     return max(method.queue_size, a.count // _LONG_SHARE if is_long(a) else 2 * a.count)
 
 
-def wanted_of(method: BranchAndBound, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
+def wanted_of(method: BranchAndBound, frame: Frame, aim: Aim) -> Wanted:
     """Return the tolerances and the aim in common coordinates."""
-    dtype: Any = a.control_points.dtype if isinstance(a, BezierSegments) else a.side.lower.dtype
     xp: Any = jnp if is_traced(method, frame) else np
     # One compiled function serves a given tolerance and the default one.
-    atol = xp.asarray(-1.0 if method.atol is None else frame.common(method.atol), dtype)
-    return Wanted(atol, xp.asarray(method.rtol, dtype), aim)
+    atol = xp.asarray(-1.0 if method.atol is None else frame.common(method.atol), frame.center.dtype)
+    return Wanted(atol, xp.asarray(method.rtol, frame.center.dtype), aim)
