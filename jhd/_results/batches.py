@@ -21,6 +21,7 @@ from jhd._results.outcomes import RESULTS, names_of
 from jhd._results.plain import to_plain
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import interval_text, lower_text, upper_text
+from jhd._runtime.jax_internals import to_device
 
 # Fields that a notebook shows of a solution, if it has them.
 _SHOWN = (
@@ -29,6 +30,8 @@ _SHOWN = (
 )
 # Functions that write the bounds among them.
 _ENDS = {"lower": lower_text, "upper": upper_text}
+
+_HOST = np.ndarray, np.generic
 
 Index = ArrayLike | Sequence[int] | slice | EllipsisType | None
 Batch = TypeVar("Batch", bound="AbstractSolution")
@@ -157,14 +160,17 @@ def _cell(name: str, value: Any) -> str:
 
 
 def on_device(solution: Any) -> Any:
-    """The solution with JAX arrays instead of NumPy arrays, in one transfer."""
+    """The solution with JAX arrays instead of NumPy arrays."""
     leaves, structure = jax.tree_util.tree_flatten(solution)
-    places = [k for k, leaf in enumerate(leaves) if isinstance(leaf, np.ndarray | np.generic)]
-    if not places:
-        return solution
-    for k, leaf in zip(places, jax.device_put([leaves[k] for k in places]), strict=True):
+    return jax.tree_util.tree_unflatten(structure, leaves_on_device(leaves))
+
+
+def leaves_on_device(leaves: list[Any]) -> list[Any]:
+    """The leaves of a tree with JAX arrays instead of NumPy arrays."""
+    places = [k for k, leaf in enumerate(leaves) if isinstance(leaf, _HOST)]
+    for k, leaf in zip(places, to_device([leaves[k] for k in places]), strict=True):
         leaves[k] = leaf
-    return jax.tree_util.tree_unflatten(structure, leaves)
+    return leaves
 
 
 def shown_many(solution: Any, name: str) -> str | None:

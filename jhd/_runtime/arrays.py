@@ -11,7 +11,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
-from jhd._runtime.jax_internals import is_batch, is_trace_clean, varying_axes
+from jhd._runtime.jax_internals import is_batch, is_trace_clean, to_device, varying_axes
 
 Rows = TypeVar("Rows", bound=tuple)
 Values = TypeVar("Values")
@@ -36,7 +36,7 @@ def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
     if isinstance(values, np.ndarray | np.generic) and not is_tracing():
         # Without warnings of NumPy: callers, who know the name of the array, refuse numbers that are not finite.
         with np.errstate(invalid="ignore", over="ignore"):
-            return jax.device_put(np.asarray(values, dtype))
+            return to_device([np.asarray(values, dtype)])[0]
     return jnp.asarray(values, dtype=dtype)
 
 

@@ -1,11 +1,11 @@
 """All uses of interfaces of JAX and equinox that are not public, each in one function.
 
 Every function states its behavior in a version without the interface. No numerical result of this package depends on
-these interfaces: only the cache between processes, and early refusals.
+these interfaces: only the cache between processes, early refusals, and the time of a call.
 """
 
 import copyreg
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +16,13 @@ from jax._src import core as _core
 from jax._src import layout as _layout
 from jax._src import xla_bridge as _bridge
 from jax._src.interpreters import batching as _batching
+from jax._src.interpreters import pxla as _pxla
+from jax.sharding import SingleDeviceSharding
 
+try:
+    from jaxlib.xla_client import batched_device_put as _batched_device_put
+except ImportError:
+    _batched_device_put: Any = None
 try:
     from jaxlib.xla_client import make_cpu_client as _make_cpu_client
 except ImportError:
@@ -67,6 +73,21 @@ def is_batch(x: Any) -> bool:
 def count_executables(jitted: Any) -> int:
     """Return how many executables a jitted function holds; 0 if JAX does not say."""
     return getattr(jitted, "_cache_size", lambda: 0)()
+
+
+def to_device(arrays: Sequence[Any]) -> list[jax.Array]:
+    """Return NumPy arrays as arrays of JAX on the default device.
+
+    `jax.device_put`, which takes five times as long, does it under traces, and if JAX has no such interface.
+    """
+    device = getattr(_pxla, "get_default_device", lambda: None)()
+    if _batched_device_put is None or device is None or not is_trace_clean():
+        return jax.device_put(list(arrays))
+    home, kinds = SingleDeviceSharding(device), [jax.typeof(x) for x in arrays]
+    return [
+        _batched_device_put(kind, home, [np.asarray(x, kind.dtype)], [device], False)
+        for x, kind in zip(arrays, kinds, strict=True)
+    ]
 
 
 def is_literal(x: Any) -> bool:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd._runtime.arrays import check_finite, is_tracing
+from jhd._runtime.jax_internals import to_device
 from jhd._shapes.checks import check_control_points
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.joints import joints, linked_here
@@ -30,7 +31,7 @@ def segments_of(control_points: Any, weights: Any, next_segment: Any = None) -> 
         check_control_points(control_points, weights, ("segments", "points", "dim"))
     following = joints(control_points) if next_segment is None else next_segment
     leaves = [x for x in (control_points, weights, linked_here(following)) if x is not None]
-    return jax.tree_util.tree_unflatten(_structure(weights is not None), jax.device_put(leaves))
+    return jax.tree_util.tree_unflatten(_structure(weights is not None), to_device(leaves))
 
 
 def trusted(control_points: Any, weights: Any, next_segment: Any) -> BezierSegments:
