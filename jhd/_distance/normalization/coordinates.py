@@ -9,9 +9,8 @@ depend only on the extreme corners of both shapes.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
@@ -29,7 +28,7 @@ _VANISHING = 100
 _FAR = 2.5
 
 
-class Frame(eqx.Module):
+class Frame(NamedTuple):
     """Map from common coordinates to the user's: x_user = (2^second x + center) 2^first."""
 
     center: Any
@@ -68,18 +67,16 @@ class Frame(eqx.Module):
         return array_of(user_length(self, x, toward))
 
 
-# Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
 def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
-    """Return a solution in the user's coordinates; known numbers stay on the host."""
+    """Return a solution in the user's coordinates."""
     witness, good = solution.witness, frame.usable
     value, lower = user_length(frame, solution.value, None), user_length(frame, solution.lower, 0.0)
     upper = user_length(frame, solution.upper, np.inf)
     if is_traced(good):
         value, lower, upper = (jnp.where(good, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf)))
         solution = replace(solution, result=result_where(good, solution.result, RESULTS.nonfinite_value))
-    return with_lengths(
-        solution, value, lower, upper, user_place(frame, witness.point), user_place(frame, witness.feet)
-    )
+    places = user_place(frame, witness.point), user_place(frame, witness.feet)
+    return with_lengths(solution, value, lower, upper, *places)
 
 
 def user_place(frame: Frame, x: Any) -> Any:
@@ -89,7 +86,8 @@ def user_place(frame: Frame, x: Any) -> Any:
 
 def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
     """Return lengths as `Frame.length` does; known numbers stay on the host, in their precision."""
-    xp = jnp if is_traced(x, frame) else np
+    traced = is_traced(x, frame)
+    xp = jnp if traced else np
     given = xp.asarray(x)
     with np.errstate(over="ignore"):
         scaled = times_two_to(given, frame.first + frame.second)
@@ -97,7 +95,7 @@ def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
         return scaled
     if toward == 0:  # a lower bound that overflows is at least the largest float
         scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
-    if is_traced(given, frame):
+    if traced:
         # Compiled functions flush subnormal inputs: that moves a distance by a few of the smallest normal numbers.
         flushed = 32 * smallest_normal(scaled.dtype)
         return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else scaled + flushed
@@ -108,9 +106,12 @@ def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
 
 def extremes(x: Any) -> tuple[Any, Any]:
     """Return the least and the largest of each coordinate of points (..., dim)."""
-    xp: Any = jnp if is_traced(x) else np
-    axes = tuple(range(x.ndim - 1))
-    return xp.min(x, axis=axes), xp.max(x, axis=axes)
+    if is_traced(x):
+        axes = tuple(range(x.ndim - 1))
+        return jnp.min(x, axis=axes), jnp.max(x, axis=axes)
+    # Along contiguous rows, which takes a twentieth of the time.
+    rows = np.ascontiguousarray(np.asarray(x).reshape(-1, x.shape[-1]).T)
+    return rows.min(axis=1), rows.max(axis=1)
 
 
 def diagonal(corners: Sequence[tuple[Any, Any]]) -> Any:

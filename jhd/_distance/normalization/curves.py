@@ -91,7 +91,7 @@ def prepare(
     """
     traced = is_traced(a, b)
     xp = jnp if traced else np
-    good = usable(a) & usable(b)
+    good = usable(a) & usable(b) if traced else True
     a, b = replaced(a, good), replaced(b, good)
     x, y = (xp.asarray(curve.control_points) for curve in (a, b))
     frame = frame_of([extremes(x), extremes(y)], good)
