@@ -9,7 +9,6 @@ from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method,
 from jhd._results.solution import (
     Decision,
     HausdorffSolution,
-    on_device,
     throw_unless_successful,
 )
 from jhd._runtime.arrays import same_arrays
@@ -194,7 +193,6 @@ def hausdorff_at_most(
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:
-    solution = on_device(solution)
     if throw:
         throw_unless_successful(solution)
     return solution

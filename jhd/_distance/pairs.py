@@ -42,7 +42,7 @@ from jhd._distance.search.solutions import CoveredPair, target
 from jhd._distance.search.surface_candidates import looked_at
 from jhd._distance.witness.derivative import WitnessState, state_of, with_derivatives
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
-from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction
+from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, on_device
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd._shapes.as_shape import check_shape, taken_as
@@ -99,8 +99,8 @@ class AbstractPair(ABC):
         return None
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """Return the solution in the unit of the shapes."""
-        return solution if self._frame is None else reported(self._frame, solution)
+        """Return the solution in the unit of the shapes, on the device."""
+        return on_device(solution) if self._frame is None else reported(self._frame, solution)
 
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """Return a reported solution with a value differentiable in both shapes."""
@@ -136,7 +136,7 @@ class CurvePair(AbstractPair):
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         super().__init__()
         self._method = method
-        self._given = a.segments(), b.segments()
+        self._given = working(a), working(b)
         p, q = self._given
         check_same_dim(p.dim, q.dim)
         # The two-step method takes fewer samples of a segment if there are more segments.

@@ -21,6 +21,7 @@ from jhd._shapes.curve import BezierSegments, check_curve
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
+from jhd._shapes.prepared import working
 
 
 def project(
@@ -137,7 +138,7 @@ def stationary_points(points: Numbers, curve: ShapeLike, *, capacity: int = 32, 
 def _checked(points: Numbers, shape: Any) -> tuple[Array, BezierSegments]:
     shape = taken_as("shape", shape)
     check_curve("shape", shape)
-    curve = shape.segments()
+    curve = working(shape)
     queries = real_array("points", points)
     if queries.ndim == 0 or queries.shape[-1] != curve.dim:
         raise ValueError(f"points has shape {queries.shape}; needs (..., {curve.dim}).")

@@ -99,9 +99,10 @@ def prepare(shape: ShapeLike) -> Prepared:
 
 def working(shape: Any) -> Any:
     """The form of a shape that searches take: segments of curves, patches of parametric surfaces."""
+    # Functions of the class, as a method of a Module is made anew wherever it is taken.
     if isinstance(shape, AbstractCurve):
-        return shape.segments()
-    return shape.patches() if isinstance(shape, AbstractPatch) else shape
+        return type(shape).segments(shape)
+    return type(shape).patches(shape) if isinstance(shape, AbstractPatch) else shape
 
 
 def prepared(shape: Any) -> Prepared:

@@ -6,13 +6,14 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from jhd._arithmetic.rounding import ordered
 from jhd._distance.normalization.host_callback import by_kept_program
 from jhd._distance.normalization.stopping import Aim, aim_at
-from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, result_where
-from jhd._runtime.arrays import varying
+from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, unchecked
+from jhd._runtime.arrays import is_tracing, varying
 from jhd._runtime.compiled import compiled
 
 Run = Callable[[Any, Any, Aim], tuple[HausdorffSolution, Any]]
@@ -75,22 +76,21 @@ def scanned(run: Run, common: Any, given: Any, aim: Aim, rising: Array) -> tuple
     return jax.lax.scan(one, jnp.asarray(varying(aim.level, given)), given)[1]
 
 
-@compiled
 def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
     """Return the larger of both directed distances, the first one at a tie; it keeps both."""
-    turned = ordered(back.value) > ordered(there.value)
-    chosen = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
+    chosen = _picked(_above(back.value, there.value), back, there)
+    ended = there.result._value
+    successful = (ended if is_tracing(ended) else np.asarray(ended)) == RESULTS.successful._value
     stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
-    return HausdorffSolution(
-        value=chosen.value,
-        lower=_maximum(there.lower, back.lower),
-        upper=_maximum(there.upper, back.upper),
-        witness=chosen.witness,
-        result=result_where(there.result == RESULTS.successful, back.result, there.result),
-        stats=stats,
-        directed=False,
-        directions=(there, back),
-    )
+    fields = {
+        "lower": _picked(_above(back.lower, there.lower), back.lower, there.lower),
+        "upper": _picked(_above(back.upper, there.upper), back.upper, there.upper),
+        "result": _picked(successful, back.result, there.result),
+        "stats": stats,
+        "directed": False,
+        "directions": (there, back),
+    }
+    return unchecked(HausdorffSolution, vars(chosen) | fields)
 
 
 @compiled
@@ -128,6 +128,13 @@ def _filled(rows: Array, columns: int, single: bool) -> Array:
     return jnp.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, columns - rows.shape[-1])])
 
 
-def _maximum(x: Array, y: Array) -> Array:
-    # Of subnormal lengths, which the compiled maximum takes for zeros, the larger one too.
-    return jnp.where(ordered(x) >= ordered(y), x, y)
+def _above(x: Any, y: Any) -> Any:
+    # Of subnormal lengths, which compiled functions take for zeros, the larger one too.
+    return ordered(x) > ordered(y) if is_tracing(x, y) else np.asarray(x) > np.asarray(y)
+
+
+def _picked(condition: Any, yes: Any, no: Any) -> Any:
+    """Return one of two trees of arrays; of known ones, without an operation on arrays."""
+    if isinstance(condition, np.ndarray | np.generic):
+        return yes if condition else no
+    return jax.tree_util.tree_map(lambda x, y: jnp.where(condition, x, y), yes, no)

@@ -13,10 +13,11 @@ from jhd._arithmetic.scaling import unit_weights
 from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of
 from jhd._distance.normalization.curves import elevation_matrix, padded_count, preparation_error, raised_degree
 from jhd._distance.normalization.net_jets import Net, usable_net
-from jhd._runtime.arrays import is_traced
+from jhd._runtime.arrays import is_traced, on_host
 from jhd._shapes.curve import AbstractCurve
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
+from jhd._shapes.prepared import working
 
 
 def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
@@ -27,13 +28,11 @@ def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
     """
     if isinstance(shape, TriangleMesh):
         return Net(shape.corners[:, np.array([[0, 1], [0, 2]])], None)
+    pieces = working(shape)
+    points, weights = on_host(pieces.control_points, pieces.weights)
     if isinstance(shape, AbstractCurve):
-        segments = shape.segments()
-        weights = None if segments.weights is None else unit_weights(segments.weights[:, :, None], (1, 2))
-        return Net(segments.control_points[:, :, None], weights)
-    patches = shape.patches()
-    weights = None if patches.weights is None else unit_weights(patches.weights, (1, 2))
-    return Net(patches.control_points, weights)
+        points, weights = points[:, :, None], None if weights is None else weights[:, :, None]
+    return Net(points, None if weights is None else unit_weights(weights, (1, 2)))
 
 
 def hull_of(points: Any) -> Net:
