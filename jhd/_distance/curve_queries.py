@@ -42,8 +42,8 @@ from jhd._distance.normalization.pieces import piece_of
 from jhd._distance.project_methods import AbstractProjectionMethod, BestFirstProjection, failed, how_closed
 from jhd._distance.witness.active import stationary
 from jhd._distance.witness.derivative import projection_with_derivatives, stationary_with_derivatives
-from jhd._results.solution import RESULTS, Projection, StationaryPoints, result_where
-from jhd._runtime.arrays import array_of, bound, is_traced, module_of, undifferentiated
+from jhd._results.solution import RESULTS, Projection, StationaryPoints, on_device, result_where, unchecked
+from jhd._runtime.arrays import bound, is_tracing, module_of, on_host, undifferentiated
 from jhd._runtime.compiled import calls_host, compiled, optimized
 from jhd._runtime.sharding import is_partitioned
 from jhd._shapes.checks import usable_numbers
@@ -71,7 +71,7 @@ _CHUNK = 128
 def projected_on_curve(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments) -> Projection:
     """Return the nearest points of a curve to queries (..., dim), differentiable in both."""
     rows = _for_each(_nearest_to, _form_of_projection(curve), method, *undifferentiated((queries, curve)))
-    return projection_with_derivatives(Projection(*rows), queries, curve)
+    return projection_with_derivatives(unchecked(Projection, rows._asdict()), queries, curve)
 
 
 def stationary_on_curve(capacity: int, queries: Array, curve: BezierSegments) -> StationaryPoints:
@@ -116,15 +116,14 @@ def _for_each(one: Callable[..., Any], answer: Any, option: Any, queries: Array,
         queries: (..., dim).
         curve: the curve.
     """
-    batch, flat = queries.shape[:-1], jax.lax.stop_gradient(queries).reshape(-1, curve.dim)
-    if not is_traced(flat, curve):
-        known = jax.tree_util.tree_map(np.asarray, (flat, curve))
-        found = jax.tree_util.tree_map(array_of, _of_known(one, answer, option, *known))
+    batch, flat = queries.shape[:-1], on_host(queries)[0].reshape(-1, curve.dim)
+    if not is_tracing(flat, curve):
+        found = _of_known(one, answer, option, *jax.tree_util.tree_map(np.asarray, (flat, curve)))
     elif calls_host() and not is_partitioned((flat, curve)):
         found = _on_host(one, answer, option)(*bound((flat, jax.lax.stop_gradient(curve))))
     else:
         found = _in_program(one, answer, option, flat, curve)
-    return jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found)
+    return on_device(jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found))
 
 
 def _on_host(one: Callable[..., Any], answer: Any, option: Any) -> Callable[..., Any]:

@@ -41,7 +41,7 @@ from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
-from jhd._shapes.prepared import prepared
+from jhd._shapes.prepared import prepared, working
 
 # Resolution of the search over an implicit surface, in units of roundoff of the common coordinates.
 _ULPS = 512
@@ -101,11 +101,19 @@ class PointBody(AbstractBody):
         return PointSearch(rows, target, allowed, aim, method.max_steps)
 
 
+def _target_of_net(shape: Any) -> NetTarget:
+    return NetTarget(net_of(shape))
+
+
+def _target_of_pieces(shape: Any) -> NetTarget:
+    return prepared(working(shape))._part(_target_of_net)
+
+
 class AbstractNetBody(AbstractBody):
     """A shape whose working form consists of Bezier pieces."""
 
     curved = True
-    make_target = staticmethod(lambda shape: NetTarget(net_of(shape)))
+    make_target = staticmethod(_target_of_net)
 
     @override
     def at(self, params: Any) -> Array:
@@ -166,6 +174,8 @@ class PatchBody(AbstractNetBody):
     """A parametric surface; its working form is BezierPatches."""
 
     name = "parametric surface"
+    # A B-spline surface is found by its own numbers, a sixteenth of those of its patches.
+    make_target = staticmethod(_target_of_pieces)
     parameters = (2,)
 
     @override

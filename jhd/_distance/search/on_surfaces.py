@@ -20,7 +20,7 @@ from jhd._distance.cells.tracked_feet_surfaces import narrowed
 from jhd._distance.nearest.surface_points import local_feet, proven_radius, reach, with_singular_radius
 from jhd._distance.nearest.surfaces import CAPACITY, NearestOnSurface, nearest, nearest_places, proven_distances
 from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
-from jhd._distance.normalization.coordinates import Frame, common_points, moved_by
+from jhd._distance.normalization.coordinates import Frame, common_points, moved_by, user_place
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.surfaces import Side, prepare_surfaces
 from jhd._distance.search.candidates import Target
@@ -98,7 +98,7 @@ class SurfaceTarget(AbstractTarget):
             distance=np.where(known, np.minimum(np.ldexp(distance, self.exponent), upper), np.inf),
             lower=nothing,
             upper=np.where(far, self._from_afar(points)[1], upper),
-            foot=np.where(known[:, None], np.asarray(self.frame.place(foot)), np.nan),
+            foot=np.where(known[:, None], user_place(self.frame, foot), np.nan),
             segment=np.full(len(x), -1),
             t=np.full(len(x), np.nan, points.dtype),
             closed=nothing > 0,
@@ -121,7 +121,7 @@ class SurfaceTarget(AbstractTarget):
         info, u = np.finfo(found.distance.dtype), unit_roundoff(found.distance.dtype)
         known = np.isfinite(found.upper) & np.isfinite(found.distance)
         upper, distance = (np.where(known, x, 0.0) for x in (found.upper, found.distance))
-        corners = np.asarray(self.frame.place(np.stack([self.target.side.lower, self.target.side.upper])))
+        corners = user_place(self.frame, np.stack([self.target.side.lower, self.target.side.upper]))
         size = np.ldexp(1.0, self.exponent) + np.max(np.abs(corners))
         slack = 32 * u * (distance + size) + 4 * info.smallest_subnormal
         return np.where(known, np.maximum(upper - distance, 0.0) + slack, np.inf)
@@ -158,10 +158,10 @@ class SurfaceTarget(AbstractTarget):
         lower = np.minimum(lower, distance)
         closed = (upper - lower <= allowed) | (upper <= least)
         low, high = (outward(end, self.exponent, points.dtype, sign) for end, sign in ((lower, -1), (upper, 1)))
-        places = np.asarray(self.frame.place(foot))
+        places = user_place(self.frame, foot)
         own, other = self._from_afar(points)
         low, high = np.where(far, own, low), np.where(far, other, high)
-        places = np.where(far[:, None], np.asarray(self.frame.place(self._point)), places)
+        places = np.where(far[:, None], user_place(self.frame, self._point), places)
         known = np.isfinite(high)
         # For a far query the box is one point, at the distance given by the bounds.
         closed = np.where(far, (high - low <= share * high) | (high <= enough), closed)
@@ -237,7 +237,7 @@ class SurfaceTarget(AbstractTarget):
         """
         dtype = points.dtype
         side = self.target.side
-        low, high, foot = (np.asarray(self.frame.place(np.asarray(x)), np.float64) for x in (*side[2:4], self._point))
+        low, high, foot = (user_place(self.frame, np.asarray(x)).astype(np.float64) for x in (*side[2:4], self._point))
         p = points.astype(np.float64)
         power = np.frexp(np.maximum(np.max(np.abs(p), axis=1), max(np.max(np.abs(low)), np.max(np.abs(high)))))[1]
         p, low, high, foot = (np.ldexp(x, -power[:, None]) for x in (p, low, high, foot))

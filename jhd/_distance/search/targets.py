@@ -11,7 +11,7 @@ from jhd._distance.nearest.meshes import checked_points
 from jhd._distance.nearest.target import ProvenFeet
 from jhd._distance.normalization.host_callback import from_host
 from jhd._distance.search.bodies import body_of, target_of
-from jhd._results.solution import RESULTS, Projection
+from jhd._results.solution import RESULTS, Projection, on_device, unchecked
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd._shapes.checks import Numbers
 from jhd._shapes.implicit import ImplicitSurface
@@ -36,28 +36,25 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
         ValueError: points that are not finite, empty, or not in space; a surface without points in its box.
     """
     queries = checked_points(points)
-    batch, flat = queries.shape[:-1], queries.reshape(-1, 3)
-    surface = working(shape)
-    still = undifferentiated((flat, surface))
+    batch, still = queries.shape[:-1], undifferentiated((queries, shape))
     # Inside jit all operations are traced, also on known numbers.
     if is_tracing(still):
-        found = _traced(*still)
+        found = _traced(still[0].reshape(-1, 3), working(still[1]))
     else:
-        found = _projection(*_ended(target_of(still[1]).nearest(np.asarray(still[0]))))
-    found = _with_derivatives(found, flat, surface)
-    return jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found)
+        found = _projection(*_ended(target_of(still[1]).nearest(np.asarray(still[0]).reshape(-1, 3))))
+    found = _with_derivatives(found, queries, shape)
+    return on_device(jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found))
 
 
-def _with_derivatives(found: Projection, points: Array, surface: Any) -> Projection:
-    if not is_traced(points, surface):
+def _with_derivatives(found: Projection, points: Array, shape: AbstractPatch | ImplicitSurface) -> Projection:
+    if not is_traced(points, shape):
         return found
-    return body_of(surface).with_foot_derivatives(found, points)
+    return body_of(working(shape)).with_foot_derivatives(on_device(found), points.reshape(-1, 3))
 
 
 def proven_with_derivatives(found: Any, points: Array, shape: AbstractPatch | ImplicitSurface) -> Array:
     """Return the distances found, differentiable in the points and in the surface."""
-    surface = working(shape)
-    return _with_derivatives(_projection(*_ended(found)), points, surface).distance
+    return _with_derivatives(on_device(_projection(*_ended(found))), points, shape).distance
 
 
 def _traced(points: Array, surface: Any) -> Projection:
@@ -72,10 +69,16 @@ def _traced(points: Array, surface: Any) -> Projection:
 
 
 def _projection(*parts: Any) -> Projection:
-    """Return the projection from its fields; the last field is a number for the result of each query."""
-    *numbers, end = (jnp.asarray(x) for x in parts)
-    result = jax.tree_util.tree_map(lambda *x: jnp.stack(x)[end], *_ENDS)
-    return Projection(*numbers[:4], segment=numbers[4].astype(int), t=numbers[5], result=result)
+    """Return the projection from its fields; the last field is a number for the result of each query.
+
+    Known numbers stay on the host.
+    """
+    *numbers, end = parts
+    xp: Any = jnp if is_traced(parts) else np
+    result = jax.tree_util.tree_map(lambda *x: xp.stack(x)[end], *_ENDS)
+    numbers[4] = numbers[4].astype(jnp.result_type(int))
+    names = "distance", "lower", "upper", "foot", "segment", "t", "result"
+    return unchecked(Projection, dict(zip(names, (*numbers, result), strict=True)))
 
 
 def _ended(found: ProvenFeet) -> tuple[np.ndarray, ...]:
