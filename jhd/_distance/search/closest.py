@@ -20,12 +20,12 @@ from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.scaling import length
 from jhd._distance.cells.pairs import BestPair, Cell, PairBound, Parametric
 from jhd._distance.cells.tracked_feet import PairProblem
-from jhd._distance.normalization.coordinates import Frame, diagonal
+from jhd._distance.normalization.coordinates import Frame, diagonal, user_length, user_place
 from jhd._distance.normalization.host_callback import like_result
 from jhd._distance.normalization.net_jets import Net, eta, point_error
 from jhd._distance.normalization.stopping import default_tolerance
 from jhd._distance.search.branch_and_bound import BranchAndBound
-from jhd._results.solution import RESULTS, MinimumSolution, result_where
+from jhd._results.solution import RESULTS, MinimumSolution, on_device, result_where
 from jhd._runtime.arrays import is_traced, module_of, varying
 
 # Pairs that are cut in one step.
@@ -120,14 +120,15 @@ class Outcome(NamedTuple):
 
     def solution(self, frame: Frame) -> MinimumSolution:
         """Return the solution in the user's coordinates, to which the frame leads back."""
-        value, lower = frame.length(self.best.distance), frame.length(self.lower, 0.0)
-        upper, result = frame.length(self.upper, np.inf), self.result
+        value, lower = user_length(frame, self.best.distance, None), user_length(frame, self.lower, 0.0)
+        upper, result = user_length(frame, self.upper, np.inf), self.result
         if is_traced(frame.usable):
             good = frame.usable
             value, upper = jnp.where(good, value, jnp.inf), jnp.where(good, upper, jnp.inf)
             lower, result = jnp.where(good, lower, 0.0), result_where(good, result, RESULTS.nonfinite_value)
-        points = frame.place(self.point_a), frame.place(self.point_b)
-        return MinimumSolution(value, lower, upper, *points, result, self.stats)
+        points = user_place(frame, self.point_a), user_place(frame, self.point_b)
+        value, lower, upper, point_a, point_b = on_device((value, lower, upper, *points))
+        return MinimumSolution(value, lower, upper, point_a, point_b, result, self.stats)
 
 
 def pairs_of(counts: tuple[int, ...]) -> np.ndarray:

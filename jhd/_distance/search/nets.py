@@ -38,6 +38,9 @@ from jhd._runtime.arrays import is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd.progress import Callback
 
+# Pairs of pieces whose boxes are compared at once.
+_TOGETHER = 1 << 14
+
 
 def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """Return the minimum distance of curves and parametric surfaces, differentiable in both."""
@@ -123,15 +126,16 @@ def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np
         pairs, valid = _near_pairs(b, a, (counts[1], counts[0]))
         return pairs[:, ::-1], valid
     x, y = (np.asarray(net.points)[:count] for net, count in zip((a, b), counts, strict=True))
-    upper, kept = np.inf, []
-    for i in range(len(x)):
-        upper = min(upper, float(np.sqrt(np.sum((x[i, 0, 0] - y[:, 0, 0]) ** 2, axis=-1)).min()))
+    upper, kept, rows = np.inf, [], 1 + _TOGETHER // len(y)
+    parts = [slice(k, k + rows) for k in range(0, len(x), rows)]
+    for part in parts:
+        upper = min(upper, float(np.sqrt(np.sum((x[part, None, 0, 0] - y[:, 0, 0]) ** 2, axis=-1)).min()))
     slack = 1e4 * float(np.finfo(x.dtype).eps)
     low_a, high_a, low_b, high_b = x.min((1, 2)), x.max((1, 2)), y.min((1, 2)), y.max((1, 2))
-    for i in range(len(x)):
-        apart = np.maximum(np.maximum(low_a[i] - high_b, low_b - high_a[i]), 0.0)
-        near = np.flatnonzero(np.sqrt(np.sum(apart**2, axis=-1)) <= upper * (1 + slack) + slack)
-        kept.append(np.stack([np.full(len(near), i), near], axis=-1))
+    for part in parts:
+        apart = np.maximum(np.maximum(low_a[part, None] - high_b, low_b - high_a[part, None]), 0.0)
+        near = np.sqrt(np.sum(apart**2, axis=-1)) <= upper * (1 + slack) + slack
+        kept.append(np.argwhere(near) + [part.start, 0])
     pairs = np.concatenate(kept)
     size = max(16, 1 << (len(pairs) - 1).bit_length())
     index = np.minimum(np.arange(size), len(pairs) - 1)
