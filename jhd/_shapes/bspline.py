@@ -7,6 +7,8 @@ Source: Piegl & Tiller, The NURBS Book (1997), chapters 2 to 5.
 """
 
 import operator
+from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import equinox as eqx
@@ -27,6 +29,8 @@ from jhd._shapes.knots import bezier_pieces, evaluate, insert, not_repeated, par
 from jhd._shapes.unchecked import segments_of
 
 _NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(points, degree) or .uniform(..., closed=True)"
+# Control points of curves whose pieces are remembered: their conversion takes as long as a search.
+_FEW = 4096
 
 
 class BSplineCurve(AbstractCurve):
@@ -216,25 +220,12 @@ class BSplineCurve(AbstractCurve):
         If the multiplicity of a knot leaves the curve continuous, the segments before and after it have the same end
         point and are joined. Other ends are joined if they agree.
         """
-        points, weights, jumps = self._scaled_pieces()
-        xp = jnp if is_traced(jumps) else np
-        index = np.arange(1, points.shape[0] + 1) % points.shape[0]
-        return segments_of(points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points))
-
-    def _scaled_pieces(self) -> tuple[Any, Any, Any]:
-        """The pieces, computed in units in which no product of a point and its weight underflows."""
-        points, weights, of_points, of_weights = in_unit(self.control_points, self.weights)
-        knots, periodic = self.knots, self.periodic
-        if is_traced(points, weights, knots):
-            points, weights, jumps = _compiled_pieces(points, weights, knots, periodic)
-        else:
-            # An optimizer may have changed the knots since the constructor checked them.
-            knots = np.asarray(knots)
-            _check_knots(knots, points.shape[0], periodic)
-            # On the host: a function would be compiled for every number of points.
-            with np.errstate(over="ignore", invalid="ignore"):
-                points, weights, jumps = _pieces(points, weights, knots, periodic)
-        return out_of_unit(points, of_points), out_of_unit(weights, of_weights), jumps
+        arrays = self.control_points, self.weights, self.knots
+        if is_traced(arrays):
+            return segments_of(*_joined_pieces(arrays, self.periodic))
+        found = _last_pieces if self.control_points.shape[0] <= _FEW else _last_pieces.__wrapped__
+        numbers = tuple(None if x is None else (np.asarray(x).tobytes(), x.dtype, x.shape) for x in arrays)
+        return segments_of(*found(numbers, self.periodic))
 
     @eqx.filter_jit
     def derivative(self) -> "BSplineCurve":
@@ -382,6 +373,34 @@ def _check_counts(count: int, shape: tuple[int, ...], periodic: bool) -> None:
 def _unrolled(points: Any, weights: Any, knots: Any, periodic: bool) -> tuple[Any, Any]:
     h, p = homogeneous(points, weights), knots.shape[0] - points.shape[0] - 1
     return module_of(h).concatenate([h, h[:p]]) if periodic else h, unrolled(knots, p, periodic)
+
+
+@lru_cache(maxsize=16)
+def _last_pieces(numbers: tuple[Any, ...], periodic: bool) -> tuple[Any, Any, Any]:
+    """`_joined_pieces` of known arrays; the pieces of the last curves are found by the numbers of the curves."""
+    return _joined_pieces([None if x is None else np.frombuffer(*x[:2]).reshape(x[2]) for x in numbers], periodic)
+
+
+def _joined_pieces(arrays: Sequence[Any], periodic: bool) -> tuple[Any, Any, Any]:
+    """Points and weights of the pieces, and the piece that follows each, from control points, weights and knots."""
+    # In units in which no product of a point and its weight underflows.
+    points, weights, of_points, of_weights = in_unit(*arrays[:2])
+    knots = arrays[2]
+    if is_traced(points, weights, knots):
+        points, weights, jumps = _compiled_pieces(points, weights, knots, periodic)
+    else:
+        # An optimizer may have changed the knots since the constructor checked them.
+        _check_knots(knots, points.shape[0], periodic)
+        # On the host: a function would be compiled for every number of points.
+        with np.errstate(over="ignore", invalid="ignore"):
+            points, weights, jumps = _pieces(points, weights, knots, periodic)
+    points, weights, xp = (
+        out_of_unit(points, of_points),
+        out_of_unit(weights, of_weights),
+        jnp if is_traced(jumps) else np,
+    )
+    index = np.arange(1, points.shape[0] + 1) % points.shape[0]
+    return points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points)
 
 
 def _pieces(points: Any, weights: Any, knots: Any, periodic: bool) -> tuple[Any, Any, Any]:
