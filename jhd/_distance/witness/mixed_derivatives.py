@@ -10,8 +10,9 @@ from jaxtyping import Array
 
 from jhd._distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
 from jhd._distance.normalization.net_jets import Net
-from jhd._distance.witness.balance import CornerRows, NetRows, Polynomial, finite, from_pair, from_place
+from jhd._distance.witness.balance import finite, from_pair, from_place
 from jhd._distance.witness.nets import from_nets
+from jhd._distance.witness.rows import CornerRows, NetRows, Polynomial
 from jhd._results.solution import DIRECTIONS, HausdorffSolution, MinimumSolution, Witness
 from jhd._runtime.arrays import is_traced
 from jhd._shapes.implicit import ImplicitSurface

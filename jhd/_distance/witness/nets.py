@@ -12,7 +12,8 @@ from jhd._distance.cells.pairs import BestPair, derivatives, newton_step
 from jhd._distance.nearest.feet import presses
 from jhd._distance.normalization.implicit_derivatives import MovingNumbers
 from jhd._distance.normalization.net_jets import Net, NetJet, jet
-from jhd._distance.witness.balance import NetRows, apart, finite, in_one_unit
+from jhd._distance.witness.balance import apart, finite, in_one_unit
+from jhd._distance.witness.rows import NetRows
 from jhd._results.solution import MinimumSolution
 
 _POLISH = 16

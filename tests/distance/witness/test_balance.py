@@ -13,6 +13,7 @@ from jhd._distance.normalization.implicit_derivatives import TouchedRows, follow
 from jhd._distance.search.bodies import body_of
 from jhd._distance.witness import balance
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
+from jhd._distance.witness.rows import CornerRows, NetRows, Polynomial
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, MinimumSolution, Witness
 from tests.sweeps import swept
 
@@ -95,10 +96,10 @@ def test_points_beside_a_mesh_are_triangles_that_have_no_coordinates():
 def in_single(scale=1.0, point: Any = (0.0, 0.0, 2.0), foot: Any = (0.0, 0.0, 1.0)):
     """A point above a unit sphere of a box, and the numbers as functions of both, in single precision."""
     single = np.float32
-    surface = balance.Polynomial(
+    surface = Polynomial(
         jnp.asarray(sphere(1.0, np.zeros(3), scale, single)), jnp.full(3, -2, single), jnp.asarray([2, 2, 0.3], single)
     )
-    rows = balance.CornerRows(jnp.asarray([point, point, point], single)), surface
+    rows = CornerRows(jnp.asarray([point, point, point], single)), surface
     found = found_at(point, [foot], [1.0], [1.0, 0.0, 0.0], dtype=single)
     return rows, (found.value, found.witness)
 
@@ -153,8 +154,8 @@ def test_refused_pairs_have_the_derivative_zero_in_reverse_mode_too(nowhere):
 
     @jax.jit
     def value(coefficients, points):
-        surface = balance.Polynomial(*(TouchedRows(x) for x in (coefficients, jnp.full(3, -2.0), jnp.full(3, 2.0))))
-        parts = balance.NetRows(TouchedRows(points, jnp.asarray(0)), None), surface
+        surface = Polynomial(*(TouchedRows(x) for x in (coefficients, jnp.full(3, -2.0), jnp.full(3, 2.0))))
+        parts = NetRows(TouchedRows(points, jnp.asarray(0)), None), surface
         constants = solution, jnp.full(5, nowhere), infinite
         return following(balance.from_pair, {"value": infinite}, parts, constants)["value"]
 

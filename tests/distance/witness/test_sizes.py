@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd._distance.witness.balance import CornerRows, NetRows, Polynomial, from_pair, from_place
+from jhd._distance.witness.balance import from_pair, from_place
 from jhd._distance.witness.nets import from_nets
+from jhd._distance.witness.rows import CornerRows, NetRows, Polynomial
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, MinimumSolution, Witness
 from tests.distance.witness.test_balance import sphere
 
