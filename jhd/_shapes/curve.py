@@ -174,8 +174,7 @@ class BezierSegments(AbstractCurve):
     >>> corner = jhd.BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
     >>> corner.count, corner.next_segment.tolist()
     (2, [1, -1])
-    >>> moved = jhd.BezierSegments(corner.control_points.at[[0, 1], [1, 0]].add(0.5))
-    >>> moved.next_segment.tolist()
+    >>> jhd.BezierSegments(corner.control_points.at[[0, 1], [1, 0]].add(0.5)).next_segment.tolist()
     [1, -1]
 
     Args:

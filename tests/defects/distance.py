@@ -223,7 +223,7 @@ DEFECTS = [
         ("if self._ends():", "if False:", "test_a_time_limit_ends_a_step_and_leaves_true_bounds"),
     ),
     *within(
-        "_distance/collections/entries.py",
+        "_distance/collections/pivots.py",
         "distance/test_collections.py",
         (
             "near &= columns[None, :] > rows[:, None]",

@@ -8,7 +8,7 @@ Pivot distances find the pairs that may be within a threshold without visiting a
 sorted, give each shape a window of candidates; in this window all points are compared.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from jhd._distance.collections.pivots import (
     PivotBounds,
     PivotDistances,
     PointLattice,
+    candidates,
     lattice_over,
     pivot_distances_of,
     reaches,
@@ -49,8 +50,6 @@ Report = Callback | None
 _PAIRS = 1 << 14
 # Pairs whose bounds are held at once: a hundred bytes each while they are compared.
 _BOUNDS = 10**6
-# Shapes whose windows are compared together.
-_TOGETHER = 64
 
 
 class Pairwise(AbstractOutcome):
@@ -416,38 +415,3 @@ def _results(numbers: np.ndarray) -> Any:
 def _no_pairs() -> list[tuple[np.ndarray, ...]]:
     nothing, none = np.zeros(0, int), np.zeros(0)
     return [(nothing, nothing, none, none)]
-
-
-def candidates(a: PivotDistances, b: PivotDistances, threshold: float, same: bool) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yield rows, columns, lower and upper bounds of the pairs that are not certified to be farther apart.
-
-    Args:
-        a: pivot distances of the first shapes.
-        b: pivot distances of the second shapes.
-        threshold: a length in the unit of the shapes.
-        same: whether both collections are the same. Then each pair comes once, the smaller index first.
-    """
-    bounds = PivotBounds(a, b)
-    with np.errstate(over="ignore", invalid="ignore"):
-        spread = np.where(np.all(np.isfinite(a.upper), axis=0), np.std(a.upper, axis=0), 0.0)
-    pivot = int(np.argmax(spread))
-    order_a, order_b = (np.argsort(x.lower[:, pivot], kind="stable") for x in (a, b))
-    keys = b.lower[order_b, pivot]
-    # A key is at most this much below the distance that it stands for.
-    slack = np.max(b.upper[:, pivot] - b.lower[:, pivot])
-    for start in range(0, len(order_a), _TOGETHER):
-        rows = order_a[start : start + _TOGETHER]
-        least, most = a.lower[rows, pivot].min(), a.upper[rows, pivot].max()
-        # Widened by far more than the rounding of these sums.
-        margin = (threshold + slack) * (1 + 1e-9) + 1e-9 * abs(most)
-        first = int(np.searchsorted(keys, least - margin))
-        last = int(np.searchsorted(keys, most + margin, "right"))
-        columns = order_b[first:last]
-        if not len(columns):
-            continue
-        lower, upper = bounds.between(rows, columns)
-        near = lower <= threshold
-        if same:
-            near &= columns[None, :] > rows[:, None]
-        i, j = np.nonzero(near)
-        yield rows[i], columns[j], lower[i, j], upper[i, j]
