@@ -122,7 +122,7 @@ def test_wrong_values_are_refused(call, message):
         call()
 
 
-@pytest.mark.parametrize("wrong", ["abc", [["a", "b"]], POINTS * 1j])
+@pytest.mark.parametrize("wrong", [[["a", "b"]], POINTS * 1j])
 def test_what_are_no_real_numbers_is_refused(wrong):
     with pytest.raises(TypeError, match=r"control_points must be real numbers; its dtype is"):
         BezierCurve(wrong)

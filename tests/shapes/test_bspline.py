@@ -396,7 +396,7 @@ def test_wrong_values_are_refused(call, message):
         # With the run-time type checks on, those speak first.
         (lambda: BSplineCurve.uniform(POINTS, 2.5), "degree must be an integer; got 2.5|parameter 'degree'"),  # pyright: ignore[reportArgumentType]
         (lambda: BSplineCurve.clamped(POINTS, "3"), "degree must be an integer; got '3'|parameter 'degree'"),  # pyright: ignore[reportArgumentType]
-        (lambda: BSplineCurve("abc", DOUBLE), r"control_points must be real numbers; its dtype is"),  # pyright: ignore[reportArgumentType]
+        (lambda: BSplineCurve("abc", DOUBLE), r"control_points is 'abc'; needs numbers\."),  # pyright: ignore[reportArgumentType]
         (lambda: BSplineCurve(POINTS, ["a"] * 11), r"knots must be real numbers; its dtype is"),  # pyright: ignore[reportArgumentType]
         (lambda: BSplineCurve(POINTS, DOUBLE * 1j), r"knots must be real numbers; its dtype is complex128\."),
         (lambda: BSplineCurve(POINTS, DOUBLE, WEIGHTS * 1j), r"weights must be real numbers; its dtype is"),

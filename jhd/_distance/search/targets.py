@@ -49,7 +49,7 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
 def _with_derivatives(found: Projection, points: Array, shape: AbstractPatch | ImplicitSurface) -> Projection:
     if not is_traced(points, shape):
         return found
-    return body_of(working(shape)).with_foot_derivatives(on_device(found), points.reshape(-1, 3))
+    return body_of(working(shape)).with_foot_derivatives(on_device(found), points.reshape(-1, points.shape[-1]))
 
 
 def proven_with_derivatives(found: Any, points: Array, shape: AbstractPatch | ImplicitSurface) -> Array:
