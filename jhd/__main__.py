@@ -91,7 +91,7 @@ examples:
   jhd doctor
 
 {_SHAPES_EPILOG}{_LENGTH_EPILOG}
-Exit status: 0 done; 1 bounds not closed, a tolerance not reached, no certificate, or the time of its check over;
+Exit status: 0 done; 1 bounds not closed, a tolerance not reached, no certificate, or its check ran out of time;
 2 invalid input; 4 certificate refused; 5 self-check failed; 70 unexpected error; 130 interrupted, with the bounds
 reached; 141 output closed by its reader. A question (`--threshold` of hausdorff and minimum) is answered by 0 yes,
 3 no, 1 undecided.
@@ -256,7 +256,7 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     fit.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
 
-    verify = _added(commands, "verify", "check of a certificate in exact arithmetic", _FILES_EPILOG)
+    verify = _added(commands, "verify", "check of a certificate in exact arithmetic", _SHAPES_EPILOG)
     verify.add_argument("file", metavar="FILE", help="certificate, written by jhd hausdorff or jhd minimum")
     both = "both shapes, each a SHAPE, to compare with the shapes of the certificate (default: none)"
     verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help=both)
@@ -365,11 +365,11 @@ def _add_deviation(commands: Any) -> None:
     atol = "largest upper - lower of maximum, mean and RMS (default: 1e-6 of the diagonal)"
     _add_tolerances(parser, atol, 1e-3)
     _add_max_seconds(parser)
-    within = "distance up to which the fraction of A is printed too"
+    within = "distance within which the fraction of A is printed"
     parser.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=within)
-    quantile = "fraction of A whose quantile is printed and must reach the tolerance too, for example 0.95"
+    quantile = "quantile to print, which must reach the tolerance too, for example 0.95 or 95%%"
     parser.add_argument("--quantile", type=lengths.fraction, metavar="FRACTION", help=quantile)
-    shown = "A colored by its distance, with a histogram"
+    shown = "A colored by its distance to B, with a histogram"
     parser.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     parser.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
     _add_out(parser, "result", ".json")

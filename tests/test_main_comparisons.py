@@ -45,6 +45,8 @@ def test_a_length_is_a_number_or_a_share_of_the_diagonal():
     curve = jhd.polyline([(0, 0), (4, 3)])
     assert length("0.25").of(curve) == 0.25
     assert length(" 0.1%").of(curve) == 0.005
+    # A share of a rounded diagonal could be less than a distance of just that share.
+    assert length("100%").of(jhd.point_set([(0, 0), (1, 1)])) == np.sqrt(2)
     assert rounded_diagonal(jhd.polyline([(0, 0), (2, 0)]), jhd.polyline([(0, 1), (1, 1)])) == 2.236
     assert share_text(1.0, 0.0) == share_text(np.inf, 1.0) == "" and share_text(1 / 3, 2.0) == "16.7%"
     for text in ("%", "1%2", "a%", "", "-1", "nan"):

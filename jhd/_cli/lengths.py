@@ -1,6 +1,6 @@
 """Numbers of the command line: lengths, which may be percentages of the diagonal of the joint bounding box, and others.
 
-The diagonal and its fractions are rounded to four digits, so that the printed numbers are the numbers used.
+Fractions are those of the whole diagonal; only its printed value is rounded, to four digits.
 """
 
 import argparse
@@ -25,7 +25,7 @@ class Length(NamedTuple):
 
     def of(self, *shapes: Any) -> float:
         """The length in input units for these shapes."""
-        return _rounded(self.number * rounded_diagonal(*shapes)) if self.of_diagonal else self.number
+        return self.number * _diagonal(*shapes) if self.of_diagonal else self.number
 
 
 def length(text: str) -> Length:
@@ -61,17 +61,17 @@ def rounded_diagonal(*shapes: Any) -> float:
     Raises:
         ValueError: the dimensions of the shapes differ.
     """
+    return float(f"{_diagonal(*shapes):.{_DIGITS}g}")
+
+
+def _diagonal(*shapes: Any) -> float:
     # Help names lengths before the package is imported.
     from jhd._distance.search.bodies import diagonal_of
     from jhd._shapes.checks import check_same_dim
 
     for shape in shapes[1:]:
         check_same_dim(shapes[0].dim, shape.dim)
-    return _rounded(diagonal_of(*shapes))
-
-
-def _rounded(x: float) -> float:
-    return float(f"{x:.{_DIGITS}g}")
+    return diagonal_of(*shapes)
 
 
 def share_text(distance: Any, diagonal: float) -> str:

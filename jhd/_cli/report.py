@@ -110,6 +110,7 @@ def decision_text(title: str, found: Decision, threshold: float, diagonal: float
             *_bound_lines(found),
             *_share_line("  asked    ", threshold, diagonal),
             f"  answer   {found.answer._enumeration._index_to_message[int(found.answer._value)]}",
+            *([] if successful(found) else [f"  result   {_with_sentence(found.result)}"]),
         ]
     )
 

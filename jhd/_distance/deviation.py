@@ -74,7 +74,7 @@ def deviation(
     The result refers to the stored numbers. Parts that `a` covers twice count twice.
 
     - If `b` is a curve or a parametric surface, a cell much smaller than the radius of curvature leaves a gap of fourth
-      order in its size, unless the distance changes its sign. By default a mesh of a thousand triangles, compared with
+      order in its size, unless `a` crosses `b` there. By default a mesh of a thousand triangles, compared with
       the surface it approximates, needs about forty cells a triangle.
     - If `b` is an implicit surface, the gap is of second order, so the number of cells grows like 1 / gap. Choose a
       larger `rtol` if the distance is small.
@@ -84,12 +84,13 @@ def deviation(
     - Quantiles and fractions come from the same cells. Their bounds are as wide as the distance varies within a cell;
       `rtol` covers only the quantile that you pass.
 
-    Scans that cross a curved `b` take minutes at the default tolerance: begin with `rtol=1e-2`. The largest deviation
+    Meshes that cross a curved `b` take minutes at the default tolerance: begin with `rtol=1e-2`. The largest deviation
     lies at `maximum.witness.point`.
 
     The value of `maximum` (within about the root of its gap) and the distances of `at(params)` are differentiable in
-    both shapes, to first order. Mean and bounds are plain numbers, whose `value` raises TypeError under `jax.grad`: use
-    `jhd.MeanDistance().estimate` there. The shapes must be concrete: deviation does not work under jit or vmap.
+    both shapes, to first order. The mean and all bounds have no derivative: their `value` raises TypeError under
+    `jax.grad`; use `jhd.MeanDistance().estimate` there. The numbers of the shapes must be known: deviation does not
+    work under jit or vmap.
 
     >>> import jhd
     >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
@@ -103,13 +104,13 @@ def deviation(
         rtol: tolerance relative to the upper bound, at least 0; by default 1e-3. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-6 of the diagonal of
             the joint bounding box.
-        quantile: a fraction, above 0 and at most 1, whose quantile must reach the tolerance too; by default none.
+        quantile: order of a quantile, above 0 and at most 1, that must reach the tolerance too; by default none.
         weights: weights of the points of `a`, of shape (points,), at least 0; by default one each. They do not affect
             the maximum.
         max_cells: largest number of cells, at least 16.
         throw: whether to raise NotProvenError if the tolerance is not reached; by default True.
-        max_seconds: wall time in seconds after which the searches end with the bounds reached, as soon as the cells in
-            work have bounds; by default no limit.
+        max_seconds: wall time in seconds after which the searches end with the bounds reached, as soon as the cells
+            of the current step have bounds; by default no limit.
         progress: a function that is called with a Progress from time to time, first for the maximum, then for the mean.
 
     Returns:
@@ -164,7 +165,8 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     check_kinds(a, b)
     if is_traced(*jax.tree_util.tree_leaves(undifferentiated((a, b)))):
         raise TypeError(
-            "deviation needs concrete shapes, because its cells depend on them. Under jit use directed_hausdorff."
+            "deviation needs concrete shapes, because its cells depend on them. Under jit use "
+            "MeanDistance, RMSDistance or QuantileDistance, and directed_hausdorff for the maximum."
         )
     check_whole("max_cells", max_cells, 16)
     given = None if atol is None else real_array("atol", atol)

@@ -109,7 +109,7 @@ class Deviation(AbstractSolution):
     def fraction_within(self, threshold: float) -> Bounds:
         """Bounds of the fraction of `a` whose distance to `b` is at most a threshold.
 
-        No tolerance applies to them; a smaller `rtol` of the deviation narrows them.
+        No tolerance applies to them; a smaller tolerance of the deviation narrows them.
 
         Args:
             threshold: a length of at least 0, in the unit of the coordinates.

@@ -55,14 +55,14 @@ def directed_hausdorff(
             (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, a mesh, or an object that `jhd.as_shape`
             accepts.
         b: the shape to which distances are measured, of any of these kinds and of the same dimension.
-        method: the method with its options; by default BranchAndBound(), which serves all shapes. The methods in
-            `jhd.published` are for comparison: CubeIntervals() serves implicit surfaces, outside jit, TwoStep() serves
-            curves, and BiarcTrimming() and AlgebraicEvents() serve polynomial curves in the plane, outside jit.
+        method: the method with its options; by default BranchAndBound(), which accepts all shapes. The methods in
+            `jhd.published` are for comparison: CubeIntervals() accepts implicit surfaces, outside jit, TwoStep()
+            curves, and BiarcTrimming() and AlgebraicEvents() polynomial curves in the plane, outside jit.
         rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
             units in the last place) of the diagonal of the joint bounding box. A published
             method has options of its own.
-        throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
+        throw: whether to raise NotProvenError if the method does not reach the tolerance; by default True.
         max_seconds: wall time in seconds after which the search ends with the bounds reached (RESULTS.out_of_time); by
             default no limit. It does not end a compilation, and is ignored under jit.
         progress: a function that is called with a Progress from time to time; ignored under jit. Ctrl-C ends the search
@@ -110,14 +110,14 @@ def hausdorff(
         a: points (`jhd.point_set`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
             ImplicitSurface, a mesh, or an object that `jhd.as_shape` accepts.
         b: a shape of any of these kinds and of the same dimension.
-        method: the method with its options; by default BranchAndBound(), which serves all shapes. The methods in
-            `jhd.published` are for comparison: CubeIntervals() serves implicit surfaces, outside jit, TwoStep() serves
-            curves, and BiarcTrimming() and AlgebraicEvents() serve polynomial curves in the plane, outside jit.
+        method: the method with its options; by default BranchAndBound(), which accepts all shapes. The methods in
+            `jhd.published` are for comparison: CubeIntervals() accepts implicit surfaces, outside jit, TwoStep()
+            curves, and BiarcTrimming() and AlgebraicEvents() polynomial curves in the plane, outside jit.
         rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
             units in the last place) of the diagonal of the joint bounding box. A published
             method has options of its own.
-        throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
+        throw: whether to raise NotProvenError if the method does not reach the tolerance; by default True.
         max_seconds: wall time in seconds after which the search ends with the bounds reached; see `directed_hausdorff`.
         progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
 

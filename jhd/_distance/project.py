@@ -33,16 +33,16 @@ def project(
 ) -> Projection:
     """Nearest points of a shape to query points, with certified bounds of the distances.
 
-    Distance, foot point and parameter are differentiable twice in the points and in the shape:
+    Distance, foot point and parameter are differentiable twice in the points and in the shape, except at poles:
 
     - If several points are equally near, the derivative refers to the foot point returned.
     - At distance zero, the derivative is zero by convention.
-    - If the foot point is an end or a corner of the shape, its parameter does not move. A foot point stays on the face,
-      edge or vertex of a mesh that holds it, and on the face of the box of an implicit surface.
+    - If the foot point is an end or a corner of the shape, its parameter has derivative zero. A foot point stays on the
+      face, edge or vertex of a mesh that holds it, and on the face of the box of an implicit surface.
     - At a pole of a parametric surface, an edge of a patch is one point. There derivatives of the foot point and second
       derivatives of the distance are NaN. They can also be NaN if the foot point is so near to a pole that rounding
-      leaves its patch open: within 1e-7 of the size of the patch, or 1e-6 for points a hundred sizes away. Gradients
-      can be off by as much there.
+      leaves its patch undecided: within 1e-7 of the size of the patch, or 1e-6 for points a hundred sizes away.
+      Gradients can be off by as much there.
 
     Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. On CPUs the
     compiled function calls the search on the host (see `inline_searches`). Surfaces are searched on the host on all
@@ -68,7 +68,7 @@ def project(
 
     Raises:
         TypeError: points that are not real numbers, a shape or a method of another kind, or VertexVoxels under tracing.
-        ValueError: points that are not finite, that are empty, or whose dimension is not the dimension of the shape; a
+        ValueError: points that are not finite, no points, or points whose dimension is not the one of the shape; a
             VertexVoxels whose capacity is too small; an implicit surface without points in its box.
         NotProvenError: the bounds did not close, and `throw` is True. The exception carries the solution.
     """
@@ -123,7 +123,7 @@ def stationary_points(points: Numbers, curve: ShapeLike, *, capacity: int = 32, 
 
     Raises:
         TypeError: points that are not real numbers, or a shape that is not a curve.
-        ValueError: points that are not finite, that are empty, or whose dimension is not the dimension of the curve.
+        ValueError: points that are not finite, no points, or points whose dimension is not the dimension of the curve.
         NotProvenError: `capacity` is too small, and `throw` is True. The exception carries the points that fit.
     """
     check_rows_first("stationary_points", points)

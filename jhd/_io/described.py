@@ -81,8 +81,11 @@ def check_suffix(what: str, file: str | Path, known: tuple[str, ...]) -> str:
     """The suffix of a file to write, in lower case.
 
     Raises:
+        TypeError: something else than a path.
         ValueError: another suffix.
     """
+    if not isinstance(file, str | Path):
+        raise TypeError(f"file is a {type(file).__name__}; pass the file first, then the {what}.")
     suffix = Path(file).suffix.lower()
     if suffix not in known:
         raise ValueError(f"the suffix of {file} is {suffix!r}; a {what} is written as {', '.join(known)}.")

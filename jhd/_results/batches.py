@@ -72,7 +72,7 @@ class AbstractResult(eqx.Module):
     def __format__(self, spec: str) -> str:
         """The certified bounds in a number format, lower rounded down and upper rounded up; without a format the text.
 
-        A Deviation shows its maximum, and a FitSolution its statistic or its error.
+        A Deviation shows its mean, as `float` does, and a FitSolution its statistic or its error.
 
         Raises:
             TypeError: the solution has no bounds of one number, or it is traced.
@@ -133,7 +133,7 @@ class AbstractSolution(AbstractOutcome):
 
 def _bounded(solution: Any) -> Any:
     """The part of a solution whose bounds a number format shows."""
-    found = [x for name in ("maximum", "statistic", "error") if (x := getattr(solution, name, None)) is not None]
+    found = [x for name in ("mean", "statistic", "error") if (x := getattr(solution, name, None)) is not None]
     return found[0] if found else solution
 
 

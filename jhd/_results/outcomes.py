@@ -18,8 +18,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         # Inherited; type checkers would take it for a member of the base class alone.
         successful = ""
     gap_not_closed = (
-        "The bounds are true but wider than the tolerance: raise max_steps, or atol or rtol if rounding keeps them "
-        "apart."
+        "The bounds are true but wider than the tolerance: raise max_steps of BranchAndBound, or atol or "
+        "rtol if rounding keeps them apart."
     )
     capacity_reached = (
         "The search ran out of room, so the result is true but wider or incomplete: raise queue_size, max_cells, "
@@ -28,8 +28,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     interrupted = "The search was interrupted: the bounds are true and not closed."
     fit_steps_exhausted = "The fit was still improving at its last step: raise max_steps."
     out_of_time = (
-        "The time limit was reached: the bounds are true and not closed; the parameters of a fit are the best so far. "
-        "Raise max_seconds."
+        "The time limit was reached: the bounds are true and not closed, and a fit is the best so far. Raise "
+        "max_seconds, or the tolerance."
     )
     fit_slow_progress = (
         "Slow progress (under 0.1 % a step): the problem is nearly degenerate. Fix redundant parameters, change the "
@@ -81,19 +81,22 @@ RESULTS._index_to_message[int(RESULTS.successful._value)] = "All requested bound
 class EVENTS(eqx.Enumeration):
     """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014).
 
-    The sentences name curves. On other shapes, an end is a border of a surface or of its box, and a corner is an edge
-    or a vertex of a mesh. For parametric surfaces and mixed pairs, b_end also stands for an antipodal pair.
+    An end of a surface is its border, or a face of its box. In the names, a is the shape of the farthest point and b
+    the other one.
 
     The members are a_end, corner, b_end, antipodal, one_to_two and coincident. Compare with a member, as in
     `solution.event == jhd.EVENTS.corner`; `jhd.EVENTS[solution.event]` is its sentence.
     """
 
-    a_end = "The maximum is attained at a free end of a."
-    corner = "The maximum is attained at a corner of a (a joint at which the tangent jumps)."
-    b_end = "The foot point is a free end or a corner of b, and the distance is stationary along a."
-    antipodal = "The line from the point to its foot point is normal to both curves."
-    one_to_two = "Two foot points on b are equally near: a crosses the self-bisector of b."
-    coincident = "The distance is zero: a lies on b."
+    a_end = "The farthest point is a free end of its shape."
+    corner = "The farthest point is a corner of its shape (a joint at which the tangent jumps, an edge or a vertex)."
+    b_end = (
+        "The foot point is a free end or a corner of the other shape. For parametric surfaces and mixed pairs, the "
+        "line from the point to its foot point may also be normal to both shapes."
+    )
+    antipodal = "The line from the farthest point to its foot point is normal to both shapes."
+    one_to_two = "Two foot points are equally near: the point lies on the self-bisector of the other shape."
+    coincident = "The distance is zero: one shape lies on the other."
 
 
 class ANSWERS(eqx.Enumeration):

@@ -13,13 +13,9 @@ from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import lower_text, upper_text
 
-# Result codes of searches whose bounds a wider tolerance would accept, and options to pass this tolerance.
+# Result codes of searches whose bounds a wider tolerance would accept, and results of calls that take one.
 _TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.nonisolated_maxima)}
-_TOLERANCES = {
-    "HausdorffSolution": "method=jhd.BranchAndBound(atol={})",
-    "StatisticSolution": "atol={}",
-    "MinimumSolution": "atol={}",
-}
+_WITH_TOLERANCE = "HausdorffSolution", "StatisticSolution", "MinimumSolution"
 # Larger relative tolerances are meaningless.
 _COARSE = 0.5
 
@@ -83,9 +79,9 @@ def _bounds_of(solution: Any, lane: int) -> dict[str, Bounds]:
 
 
 def _tolerance(solution: Any, known: Mapping[str, Bounds]) -> str | None:
-    option = _TOLERANCES.get(type(solution).__name__)
     gap = max((x.upper - x.lower for x in known.values()), default=0.0)
-    return None if option is None or not 0 < gap < math.inf else option.format(_least(gap))
+    takes_one = type(solution).__name__ in _WITH_TOLERANCE
+    return f"atol={_least(gap)}" if takes_one and 0 < gap < math.inf else None
 
 
 def _reached(known: Mapping[str, Bounds], option: str | None) -> str:

@@ -167,15 +167,18 @@ class AbstractCurve(eqx.Module):
 class BezierSegments(AbstractCurve):
     """A union of polynomial or rational Bezier segments of one degree, in the plane or in space.
 
-    Ends that meet are stored twice, once in each segment. To move a joint without tearing the curve, move both copies;
-    the gradient with respect to the joint is the sum of both rows.
+    Ends that meet are stored twice, once in each segment. A step of an optimizer on the segments would tear them apart:
+    build both copies from one array.
 
+    >>> import jax.numpy as jnp
     >>> import jhd
     >>> corner = jhd.BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
     >>> corner.count, corner.next_segment.tolist()
     (2, [1, -1])
-    >>> jhd.BezierSegments(corner.control_points.at[[0, 1], [1, 0]].add(0.5)).next_segment.tolist()
-    [1, -1]
+    >>> outline = jhd.polyline([[0, 0], [1, 0], [1, 1]], closed=True)
+    >>> free = outline.control_points[:, :-1]  # all but the last point of each segment
+    >>> jhd.BezierSegments(jnp.concatenate([free, free[outline.next_segment, :1]], axis=1)).next_segment.tolist()
+    [1, 2, 0]
 
     Args:
         control_points: (segments, points, dim) coordinates with dim 2 or 3, in any unit of length; distances have the

@@ -60,6 +60,8 @@ def test_the_suffix_names_the_kind_of_file_that_is_written_and_read(tmp_path):
     save_curve(tmp_path / "curve.igs", curve)
     found: Any = load_shape(tmp_path / "curve.igs")
     np.testing.assert_array_equal(found.control_points[:, :2], curve.control_points)
+    with pytest.raises(TypeError, match="file is a BezierCurve; pass the file first, then the curve|parameter 'file'"):
+        save_curve(BezierCurve([[0, 0], [1, 1]]), "a.json")  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match=r"the suffix of .* is '.obj'; a curve is written as .json, .svg, .igs, .iges"):
         save_curve(tmp_path / "curve.obj", curve)
     assert not (tmp_path / "curve.obj").exists()

@@ -152,7 +152,7 @@ def _witness(
     Raises:
         NotProvenError: no point that was tried proves the bound.
     """
-    reason = "no point of these shapes is that far."
+    reason = "no point of these shapes is that far; pass them in the order of the call."
     for direction, place in _candidates(asked, sides, covers):
         if place is None:
             continue

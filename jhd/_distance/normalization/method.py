@@ -66,7 +66,7 @@ def check_serves(method: Any, a: Any, b: Any, known: tuple[type[AbstractMethod],
     if isinstance(method, type):
         came = f"the class {method.__name__}: call it"
     elif isinstance(method, int | float):
-        came = f"{method}: as a tolerance it is BranchAndBound(atol={method})"
+        came = f"{method}: as a tolerance it is atol={method}"
     else:
         came = type(method).__name__
     raise TypeError(f"method must be {serving} for {kinds}; got {came}.")

@@ -18,7 +18,14 @@ _USAGE = "usage: python verification [--shapes] [--max-seconds S] FILE..."
 
 def main(arguments: Sequence[str]) -> int:
     """Check certificates in files and print what each proves; return the exit status."""
-    from jhd._distance.certificate.verification import CertificateError, digest, opened, sentence, verify
+    from jhd._distance.certificate.verification import (
+        CertificateError,
+        UncheckedCertificateError,
+        digest,
+        opened,
+        sentence,
+        verify,
+    )
 
     files, seconds = [name for name in arguments if name != "--shapes"], None
     if files and files[0] == "--max-seconds":
@@ -34,7 +41,8 @@ def main(arguments: Sequence[str]) -> int:
                 hashes = [digest(content[shape]) for shape in "ab"]
         except CertificateError as error:
             print(f"refused: {name}: {error}", file=sys.stderr)
-            status = max(status, 1)
+            # As of `jhd verify`: refused, or not checked in the time.
+            status = status or (1 if isinstance(error, UncheckedCertificateError) else 4)
         except (OSError, EOFError, ValueError, RecursionError, MemoryError) as error:
             print(f"not read: {name}: {error}", file=sys.stderr)
             status = 2
