@@ -62,9 +62,11 @@ def verify_file(
     """
     with _read(file) as content:
         proven = verify(content, max_seconds=max_seconds, progress=progress)
-        for name, shape in zip("ab", shapes, strict=False):
-            if digest(content[name]) != plain_shape(shape)["sha256"]:
-                raise CertificateError(f"the claim is proven, but {name.upper()} is another shape than the one given.")
+        given, stored = [plain_shape(shape)["sha256"] for shape in shapes], [digest(content[name]) for name in "ab"]
+        for name, mine, known in zip("AB", given, stored, strict=False):
+            if mine != known:
+                turned = "; the claim is about the shapes in the other order" if given[::-1] == stored else ""
+                raise CertificateError(f"the claim is proven, but {name} is another shape than the one given{turned}.")
         return proven
 
 

@@ -102,6 +102,10 @@ def test_verify_compares_with_the_shapes_at_hand(made, file, tmp_path, capsys):
     assert (status, err) == (0, "") and out.startswith("proven: ")
     status, _, err = run(capsys, "verify", file, tmp_path / "a.json", tmp_path / "a.json")
     assert status == 4 and "the claim is proven, but B is another shape than the one given" in err
+    status, _, err = run(capsys, "verify", file, tmp_path / "b.json", tmp_path / "a.json")
+    assert (
+        status == 4 and "A is another shape than the one given; the claim is about the shapes in the other order" in err
+    )
     status, _, err = run(capsys, "verify", file, tmp_path / "a.json")
     assert status == 2 and "needs both shapes, or none" in err
 

@@ -244,7 +244,7 @@ def _check_arguments(a: object, b: object, solution: object, max_cells: object) 
         if not isinstance(shape, Shape):
             raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")
     if not isinstance(solution, HausdorffSolution | MinimumSolution | Decision):
-        accepted = "a HausdorffSolution, a MinimumSolution or a Decision"
+        accepted = "a HausdorffSolution (such as the maximum of a Deviation), a MinimumSolution or a Decision"
         raise TypeError(f"solution must be {accepted}; got {type(solution).__name__}.")
     if is_traced(a, b, solution) or np.ndim(solution.lower) > 0:
         raise TypeError("certify needs concrete shapes and one concrete solution; index a batch first.")

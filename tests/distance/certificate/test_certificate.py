@@ -136,7 +136,7 @@ def test_arguments_of_another_kind_are_refused(made, as_a_user):
     a, b, solution, certificate = made
     with pytest.raises(TypeError, match="b must be points, a curve, a parametric surface"):
         certify(a, 1.0, solution)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(TypeError, match="solution must be a HausdorffSolution, .*; got Certificate"):
+    with pytest.raises(TypeError, match="solution must be a HausdorffSolution .*; got Certificate"):
         certify(a, b, certificate)
     with pytest.raises(TypeError, match="index a batch first"):
         certify(a, b, jax.tree_util.tree_map(lambda x: jnp.stack([x, x]), solution))
