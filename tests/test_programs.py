@@ -110,7 +110,7 @@ def distance():
 
 def test_a_solution_is_read_with_its_structure_and_bits(distance, folder):
     for _ in range(2):
-        read = in_a_new_process(directions.larger.__wrapped__)(*distance.directions)
+        read = in_a_new_process(directions.larger)(*distance.directions)
         assert jax.tree_util.tree_structure(read) == jax.tree_util.tree_structure(distance)
         assert jax.tree_util.tree_all(jax.tree_util.tree_map(np.array_equal, read, distance))
     assert any(name.startswith("larger-") for name in files(folder))
@@ -239,11 +239,11 @@ def test_known_numbers_in_the_rule_of_a_derivative_have_the_program_of_any_other
 
 def test_functions_as_constants_are_told_by_their_names_and_the_constants_of_their_modules(monkeypatch):
     def name(function):
-        return name_of_program(directions.larger.__wrapped__, jax.tree_util.tree_structure(0), [], (), function)
+        return name_of_program(directions.larger, jax.tree_util.tree_structure(0), [], (), function)
 
     assert name(balance.from_place) != name(balance.from_pair)
     before = name(balance.from_place)
-    monkeypatch.setattr(balance, "_ON_EDGE", 0.5)
+    monkeypatch.setattr(balance, "_FLAT", 0.5)
     assert name(balance.from_place) != before
     with pytest.raises(NotKeptError):
         name(lambda rows: rows)
