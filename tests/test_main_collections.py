@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import re
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -157,7 +158,7 @@ def test_options_of_the_search_are_passed_on(entry, command, run, monkeypatch):
     context = json.loads(out)["context"]
     assert status == 0 and set(seen["kinds"]) == {jhd.ImplicitSurface}
     assert (seen["threads"], seen["pool"], seen["rtol"], seen["seconds"]) == (2, ThreadPoolExecutor, 0.125, 30)
-    assert seen["atol"] == context["atol"] == 0.3464  # of the diagonal 2 sqrt(3)
+    assert seen["atol"] == context["atol"] == pytest.approx(0.2 * math.sqrt(3), rel=1e-15)  # of the diagonal 2 sqrt(3)
     assert (context["rtol"], context["jobs"], context["box"]) == (0.125, 2, [[-1.0] * 3, [1.0] * 3])
 
 
