@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jhd
 from jhd._runtime.arrays import array_of, check_finite, is_traced, is_tracing, joined, real_array, taken
 
 
@@ -218,3 +219,29 @@ def test_rows_of_a_table_are_taken_and_joined():
 class Table(NamedTuple):
     first: np.ndarray
     second: np.ndarray
+
+
+def aligned(numbers):
+    """An array at an address of whose memory JAX makes no copy on CPUs."""
+    numbers = np.asarray(numbers, float)
+    room = np.empty(numbers.nbytes + 64, np.uint8)
+    start = -room.ctypes.data % 64
+    found = room[start : start + numbers.nbytes].view(float).reshape(numbers.shape)
+    found[:] = numbers
+    return found
+
+
+def test_a_shape_does_not_change_with_the_array_that_it_is_made_of():
+    rows, knots, corners = aligned(np.arange(8).reshape(4, 2)), aligned([0, 0, 0, 0, 1, 1, 1, 1]), aligned(np.eye(3))
+    triangles = aligned([0, 1, 2]).view(np.int64).reshape(1, 3)
+    triangles[:] = [0, 1, 2]
+    made = [
+        *(make(rows) for make in (jhd.BezierCurve, jhd.point_set, jhd.polyline)),
+        jhd.BSplineCurve(rows, knots),
+        jhd.TriangleMesh(corners, triangles),
+    ]
+    before = [jax.tree_util.tree_map(np.array, shape) for shape in made]
+    for array in (rows, knots, corners, triangles):
+        array[:] = 9
+    for shape, known in zip(made, before, strict=True):
+        assert jax.tree_util.tree_all(jax.tree_util.tree_map(np.array_equal, shape, known))

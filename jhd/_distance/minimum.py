@@ -169,7 +169,7 @@ def minimum_at_most(
 
 def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     first, second = body_of(a), body_of(b)
-    if second.dimension == 0 != first.dimension:
+    if second.dimension == 0 and first.dimension != 0:
         return _turned(_searched(b, a, method, progress))
     if first.dimension == 0 and not is_tracing(undifferentiated((a, b)), method):
         return _of_points(first, second, method, progress)

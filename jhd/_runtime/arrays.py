@@ -98,7 +98,9 @@ def varying(values: Any, *sources: object) -> Any:
 
 
 def bare_array(name: str, value: Any) -> np.ndarray:
-    """`np.asarray` that refuses masks, units, data frames and tensors, whose meaning it would drop.
+    """A value as a NumPy array; masks, units, data frames and tensors are refused, whose meaning would be dropped.
+
+    An array of NumPy is copied: its owner may change it, and arrays of JAX on CPUs share memory with it if they can.
 
     Raises:
         TypeError: a table or tensor of another package, or an array with masked entries, or rows of which one is such.
@@ -116,7 +118,7 @@ def bare_array(name: str, value: Any) -> np.ndarray:
         if unit is not None:
             raise ValueError(f"{name} has the unit {unit}, which is not read; pass the numbers without the unit.")
     try:
-        return np.asarray(value)
+        return np.asarray(value) if isinstance(value, jax.Array) else np.array(value)
     except ValueError as error:
         raise ValueError(f"{name} must be a rectangular array of numbers; its rows differ in length.") from error
 
