@@ -221,11 +221,10 @@ class BSplineCurve(AbstractCurve):
         point and are joined. Other ends are joined if they agree.
         """
         arrays = self.control_points, self.weights, self.knots
-        if is_traced(arrays):
+        if is_traced(arrays) or self.control_points.shape[0] > _FEW:
             return segments_of(*_joined_pieces(arrays, self.periodic))
-        found = _last_pieces if self.control_points.shape[0] <= _FEW else _last_pieces.__wrapped__
         numbers = tuple(None if x is None else (np.asarray(x).tobytes(), x.dtype, x.shape) for x in arrays)
-        return segments_of(*found(numbers, self.periodic))
+        return segments_of(*_last_pieces(numbers, self.periodic))
 
     @eqx.filter_jit
     def derivative(self) -> "BSplineCurve":
@@ -390,15 +389,13 @@ def _joined_pieces(arrays: Sequence[Any], periodic: bool) -> tuple[Any, Any, Any
         points, weights, jumps = _compiled_pieces(points, weights, knots, periodic)
     else:
         # An optimizer may have changed the knots since the constructor checked them.
+        knots = np.asarray(knots)
         _check_knots(knots, points.shape[0], periodic)
         # On the host: a function would be compiled for every number of points.
         with np.errstate(over="ignore", invalid="ignore"):
             points, weights, jumps = _pieces(points, weights, knots, periodic)
-    points, weights, xp = (
-        out_of_unit(points, of_points),
-        out_of_unit(weights, of_weights),
-        jnp if is_traced(jumps) else np,
-    )
+    points, weights = out_of_unit(points, of_points), out_of_unit(weights, of_weights)
+    xp = jnp if is_traced(jumps) else np
     index = np.arange(1, points.shape[0] + 1) % points.shape[0]
     return points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points)
 

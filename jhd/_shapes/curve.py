@@ -24,7 +24,7 @@ from jhd._shapes.checks import Numbers, check_degrees, checked_between, checked_
 from jhd._shapes.flattening import flattened, pieces_following
 from jhd._shapes.foreign import HasVertices, ShapelyGeometry
 from jhd._shapes.homogeneous import affine_image, cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
-from jhd._shapes.joints import checked, completed, followed, joints, linked, turned
+from jhd._shapes.joints import checked, completed, followed, joints, linked, turned, united
 
 SomeCurve = TypeVar("SomeCurve", bound="AbstractCurve")
 
@@ -423,11 +423,7 @@ class BezierSegments(AbstractCurve):
         parts = [part.elevate(degree) for part in parts]
         tables = on_host(*(part.control_points for part in parts))
         points = module_of(tables[0]).concatenate(tables)
-        first = np.cumsum([0] + [part.count for part in parts])
-        xp = jnp if is_traced([part.next_segment for part in parts]) else np
-        known = [xp.asarray(part.next_segment) for part in parts]
-        shifted = [xp.where(rows < 0, -1, rows + first[k]) for k, rows in enumerate(known)]
-        next_segment = completed(xp.concatenate(shifted), points)
+        next_segment = united([part.next_segment for part in parts], points)
         if all(part.weights is None for part in parts):
             return BezierSegments(points, None, next_segment)
         ones = [np.ones(part.control_points.shape[:-1]) if part.weights is None else part.weights for part in parts]

@@ -3,6 +3,7 @@
 Curves of users store joints as floats, so that they can be differentiated; compiled functions take integers.
 """
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import jax.numpy as jnp
@@ -141,6 +142,19 @@ def completed(next_segment: Any, control_points: Any) -> Any:
     found = joints(control_points)
     xp = jnp if is_traced(found) else np
     return xp.where(np.asarray(next_segment) < 0, found, np.asarray(next_segment))
+
+
+def united(parts: Sequence[Any], points: Any) -> Any:
+    """Joints of several curves as one, and of its free ends that meet.
+
+    Args:
+        parts: for each curve the index of the segment that follows each of its segments, or -1.
+        points: control points of all curves.
+    """
+    xp = jnp if is_traced(parts) else np
+    first = np.cumsum([0, *map(len, parts)])
+    rows = [xp.asarray(part) for part in parts]
+    return completed(xp.concatenate([xp.where(x < 0, -1, x + k) for x, k in zip(rows, first, strict=False)]), points)
 
 
 def turned(next_segment: Any) -> Any:

@@ -7,6 +7,7 @@ import itertools
 import os
 from fractions import Fraction
 
+import jax
 import numpy as np
 import pytest
 
@@ -162,6 +163,8 @@ def test_a_witness_lies_on_its_surface_and_its_feet_on_the_other(name):
         assert np.all(np.abs(np.asarray(surface(points))) <= np.maximum(1e-9 * scale * slope, 1e-12 * size))
     distances = np.linalg.norm(np.asarray(found.witness.feet) - np.asarray(found.witness.point), axis=1)
     assert np.allclose(distances, float(found.value), rtol=1e-6, atol=1e-12 * scale)
+    # A branch of `jax.lax.cond` refuses a solution with a weakly typed index beside one of another kind.
+    assert not any(x.weak_type for x in jax.tree_util.tree_leaves(found))
 
 
 SINGLE = """

@@ -350,7 +350,7 @@ def _witness(p: _GridCells, q: _GridCells, place: int, proven: np.ndarray, cells
     foot = int(np.argmin(np.where(proven | ~proven.any(), most, np.inf)))
     ends = EVENTS.b_end if q.at_border(foot, cells) else EVENTS.antipodal
     return Witness(
-        element=jnp.asarray(-1),
+        element=jnp.asarray(-1, int),
         t=jnp.asarray(np.nan),
         point=jnp.asarray(p.center(place)),
         feet=jnp.asarray(np.repeat(q.center(foot)[None], 4, axis=0)),

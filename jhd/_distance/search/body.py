@@ -68,9 +68,9 @@ class AbstractBody(ABC):
 
     # The kind in words.
     name: str
-    # Of its measure: 0 for a number of points, 1 for a length, 2 for an area; None if no measure is certified.
+    # Dimension of its measure: 0 for a number of points, 1 a length, 2 an area; None if no measure is certified.
     dimension: int | None = 2
-    # Sizes of the parameters of a point.
+    # Shape of the array of parameters of a point.
     parameters: tuple[int, ...] = ()
     # Makes a target of a shape.
     make_target: Callable[[Any], AbstractTarget]
@@ -78,7 +78,7 @@ class AbstractBody(ABC):
     curved: bool = False
     # Whether common coordinates must be exact.
     exact: bool = False
-    # Rows for feet on it in the witness of a point, and counts of the search over it.
+    # Number of feet on it in a witness whose point is of a point set, and names of the counts of the search over it.
     feet_named: int = FEET
     counts: tuple[str, ...] = farthest_place.COUNTS
     # Largest number of points whose distances to it an estimate takes: each may take a tenth of a millisecond.

@@ -151,7 +151,7 @@ def _witness(a: Side, b: Side, state: SurfaceState, value: Array, direction: Any
     event = EVENTS.where(at_border, EVENTS.a_end, event)
     event = EVENTS.where(several, EVENTS.one_to_two, event)
     event = EVENTS.where(value <= _COINCIDENT * u, EVENTS.coincident, event)
-    nothing = jnp.full((FEET,), -1)
+    nothing = jnp.full((FEET,), -1, int)
     return Witness(
         element=nothing[0],
         t=jnp.asarray(jnp.nan, value.dtype),
