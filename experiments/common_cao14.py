@@ -29,7 +29,7 @@ def ring(name: str, count: int) -> jhd.BSplineCurve:
     r = radius * (1 + sum(share * np.cos(number * angle + phase) for number, share, phase in waves))
     x, y = stretch * r * np.cos(angle), r * np.sin(angle)
     c, s = np.cos(turn), np.sin(turn)
-    return jhd.BSplineCurve.uniform(np.stack([c * x - s * y, s * x + c * y], axis=-1) + offset, closed=True)
+    return jhd.BSplineCurve.uniform(np.stack([c * x - s * y, s * x + c * y], axis=-1) + offset, periodic=True)
 
 
 def open_curve() -> jhd.BezierCurve:

@@ -101,7 +101,7 @@ def shape(latent: Array) -> Array:
 
 def spline(points: Array) -> jhd.BezierSegments:
     """Return the closed cubic spline with these control points."""
-    return jhd.BSplineCurve.uniform(points, closed=True).segments()
+    return jhd.BSplineCurve.uniform(points, periodic=True).segments()
 
 
 def softened(rows: Array, latent: Array, temperature: Array) -> Array:

@@ -115,7 +115,7 @@ def _tracing(count: int, random: np.random.Generator) -> jhd.BSplineCurve:
     angle = 2 * np.pi * np.arange(count) / count
     r = _RADIUS * (1 + 2 * np.pi / count * _NOISE * random.standard_normal(count))
     points = np.stack([_STRETCH * r * np.cos(angle), r * np.sin(angle)], axis=-1)
-    return jhd.BSplineCurve.uniform(points, closed=True)
+    return jhd.BSplineCurve.uniform(points, periodic=True)
 
 
 def _compiled(

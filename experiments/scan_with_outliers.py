@@ -58,7 +58,7 @@ def placed(place: Any) -> jhd.BSplineCurve:
     angle = 2 * np.pi * np.arange(len(RADII)) / len(RADII)
     net = RADII[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     turn = jnp.array([[place[0], place[1]], [-place[1], place[0]]])
-    return jhd.BSplineCurve.uniform(net @ turn + place[2:], closed=True)
+    return jhd.BSplineCurve.uniform(net @ turn + place[2:], periodic=True)
 
 
 def scan(count: int, share: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -85,7 +85,7 @@ def _tracing(random: np.random.Generator) -> jhd.BezierSegments:
     angle = 2 * np.pi * np.arange(_SEGMENTS) / _SEGMENTS
     r = _RADIUS * (1 + _NOISE * random.standard_normal(_SEGMENTS))
     points = np.stack([_STRETCH * r * np.cos(angle), r * np.sin(angle)], axis=-1)
-    return jhd.BSplineCurve.uniform(points, closed=True).segments()
+    return jhd.BSplineCurve.uniform(points, periodic=True).segments()
 
 
 def _stacked(pairs: list[Pair]) -> Any:

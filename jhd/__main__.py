@@ -10,7 +10,9 @@ undecided.
 import argparse
 import errno
 import os
+import re
 import sys
+from difflib import get_close_matches
 from typing import Any, NoReturn
 
 # Light alone: this module answers --help while the package is not imported yet.
@@ -135,13 +137,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(argv: list[str]) -> int:
     try:
-        options, unknown = _parser().parse_known_args([_option_or_word(word) for word in _box_as_one(argv)])
+        options, _ = _parser().parse_known_args([_option_or_word(word) for word in _box_as_one(argv)])
     except SystemExit:  # argparse's way out of --help and --version; of errors it is ours
         return 0
-    if unknown:
-        command = "jhd" if options.command == "demo" else f"jhd {options.command}"
-        names = " ".join(_as_given(word) for word in unknown)
-        raise ValueError(f"{command} does not know: {names} (see {command} --help)")
     if options.demo is not None and options.command != "demo":
         raise ValueError(f"--out in front of {options.command} is for the demonstration; give it after the command.")
     _check_files(options)
@@ -220,6 +218,16 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, allow_abbrev=False, **options)
+
+    def parse_known_args(self, *args: Any, **options: Any) -> Any:
+        """As of argparse, but words that are not known raise ValueError, with the nearest option if one is near."""
+        found, unknown = super().parse_known_args(*args, **options)
+        if unknown:
+            known = re.findall(r"--[a-z-]+", self.format_usage())
+            near = [option for word in unknown for option in get_close_matches(word, known, 1, 0.75)]
+            hint = f"; nearest is {', '.join(near)}" if near else ""
+            self.error(f"{self.prog} does not know: {' '.join(map(_as_given, unknown))}{hint}")
+        return found, unknown
 
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message} (see {self.prog} --help)")

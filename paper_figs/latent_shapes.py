@@ -74,7 +74,7 @@ def _draw_shapes(figure: Any, numbers: dict[str, Any]) -> None:
 
 
 def _outline(points: Any) -> np.ndarray:
-    curve = jhd.BSplineCurve.uniform(np.asarray(points), closed=True).segments()
+    curve = jhd.BSplineCurve.uniform(np.asarray(points), periodic=True).segments()
     return np.asarray(curve(jnp.linspace(0.0, curve.count, _SAMPLES))).T
 
 

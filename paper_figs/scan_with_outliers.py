@@ -63,7 +63,7 @@ def _draw_places(ax: Axes, case: dict[str, Any]) -> None:
         *np.array(case["scan"]).T, color=GRAY, marker=".", markersize=2.8, markeredgewidth=0, linestyle="none", zorder=3
     )
     for name, (color, _, line) in _MEASURES.items():
-        curve = jhd.BSplineCurve.uniform(np.array(case["fits"][name]["control_points"]), closed=True).segments()
+        curve = jhd.BSplineCurve.uniform(np.array(case["fits"][name]["control_points"]), periodic=True).segments()
         points = np.asarray(curve(np.linspace(0.0, curve.count, _SAMPLES)))
         # If two curves agree, both are seen: the lower one is broader.
         ax.plot(*points.T, color=color, linestyle=line, linewidth=3.2 if name == "mean" else 1.2)

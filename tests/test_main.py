@@ -463,6 +463,7 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
             ["hausdorff", BASE, DIAGONAL, "--frob", "3"],
             "jhd hausdorff does not know: --frob 3 (see jhd hausdorff --help)",
         ),
+        (["hausdorff", BASE, DIAGONAL, "--treshold", "3"], "--treshold 3; nearest is --threshold (see"),
         (["-o", "a.png", "hausdorff", BASE, DIAGONAL], "--out in front of hausdorff is for the demonstration"),
         (["-o", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
         (["--frob"], "jhd does not know: --frob (see jhd --help)"),

@@ -31,7 +31,7 @@ _SHAPES: dict[str, Callable[[Any], Any]] = {
     "Bezier": lambda s: jhd.BezierCurve(s * _PLANE),
     "rational": lambda s: jhd.BezierCurve(s * _PLANE, s * _WEIGHTS),
     "clamped": lambda s: jhd.BSplineCurve.clamped(s * _PLANE, degree=2),
-    "closed": lambda s: jhd.BSplineCurve.uniform(s * _PLANE, closed=True),
+    "closed": lambda s: jhd.BSplineCurve.uniform(s * _PLANE, periodic=True),
     "NURBS": lambda s: jhd.BSplineCurve.clamped(s * _PLANE, degree=2, weights=s * _WEIGHTS),
     "segments": lambda s: jhd.BezierSegments(s * _PLANE[np.array([(0, 1, 2), (2, 3, 0)])]),
     "polyline": lambda s: jhd.polyline(s * _PLANE),

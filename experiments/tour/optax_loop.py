@@ -17,7 +17,7 @@ scan = np.stack([2 * np.cos(angle), np.sin(angle)], axis=1) + 0.01 * random.norm
 
 def spline(control_points):
     """The closed cubic spline with these control points; its knots are fixed."""
-    return jhd.BSplineCurve.uniform(control_points, degree=3, closed=True)
+    return jhd.BSplineCurve.uniform(control_points, degree=3, periodic=True)
 
 
 adam = optax.adam(0.05)

@@ -106,7 +106,13 @@ def load_described(what: str, file: str | Path, kinds: Kinds) -> Any:
         ParseError: text that is not JSON, with line and column; or JSON that does not describe such a shape, with the
             file and key.
     """
-    content = load_json(file)
+    try:
+        content = load_json(file)
+    except ParseError as error:
+        if Path(file).suffix.lower() == ".json":
+            raise
+        message = f"{error.reason[:-1]}; load_{what} reads JSON files, and load_shape other formats."
+        raise ParseError(message, file, error.line, error.column) from None
     try:
         return built(what, content, kinds)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:

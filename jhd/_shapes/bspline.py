@@ -28,7 +28,7 @@ from jhd._shapes.joints import completed
 from jhd._shapes.knots import bezier_pieces, evaluate, insert, not_repeated, parted, ratio, tolerance, unrolled
 from jhd._shapes.unchecked import segments_of
 
-_NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(points, degree) or .uniform(..., closed=True)"
+_NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(points, degree) or .uniform(..., periodic=True)"
 # Control points of curves whose pieces are remembered: their conversion takes as long as a search.
 _FEW = 4096
 
@@ -41,7 +41,8 @@ class BSplineCurve(AbstractCurve):
     domain [knots[p], knots[p] + period]; outside, the parameter wraps. A periodic curve stores each point once, and
     knots[n:] repeat knots[: p + 1] one period later.
 
-    At a knot of multiplicity p + 1 or more the curve may jump; its value there is the limit from the right.
+    At a knot of multiplicity p + 1 or more the curve may jump; its value there is the limit from the right. If
+    the multiplicity is larger, some control points have no influence.
 
     >>> import jhd
     >>> curve = jhd.BSplineCurve([[0, 0], [1, 2], [2, 0]], knots=[0, 0, 0, 1, 1, 1])
@@ -69,7 +70,7 @@ class BSplineCurve(AbstractCurve):
 
     @belongs(
         degree=_NO_DEGREE,
-        closed="write BSplineCurve.uniform(control_points, degree, closed=True)",
+        closed="write BSplineCurve.uniform(control_points, degree, periodic=True)",
     )
     def __init__(self, control_points: Numbers, knots: Numbers, weights: Numbers | None = None, periodic: bool = False):
         self.control_points = real_array("control_points", control_points)
@@ -85,19 +86,20 @@ class BSplineCurve(AbstractCurve):
             _check_knots(np.asarray(self.knots), self.control_points.shape[0], self.periodic)
 
     @classmethod
+    @belongs(closed="write periodic=True")
     def uniform(
-        cls, control_points: Numbers, degree: int = 3, closed: bool = False, weights: Numbers | None = None
+        cls, control_points: Numbers, degree: int = 3, periodic: bool = False, weights: Numbers | None = None
     ) -> "BSplineCurve":
-        """The spline with the knots 0, 1, ..., points + degree; if closed, a periodic one with one piece per point.
+        """The spline with the knots 0, 1, ..., points + degree; if periodic, closed, with one knot span per point.
 
         >>> import jhd
-        >>> jhd.BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True)(3.0).tolist()
+        >>> jhd.BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], periodic=True)(3.0).tolist()
         [5.0, 1.0]
 
         Args:
-            control_points: (points, dim) coordinates of at least degree + 1 points, or max(degree, 1) if closed.
-            degree: degree of the pieces, at least 0; the default 3 gives continuous curvature.
-            closed: whether the curve returns from the last point to the first.
+            control_points: (points, dim) coordinates of at least degree + 1 points, or max(degree, 1) if periodic.
+            degree: polynomial degree, at least 0; the default 3 gives continuous curvature.
+            periodic: whether the curve is closed: it returns from the last point to the first.
             weights: (points,) positive weights; None means a polynomial spline.
 
         Returns:
@@ -108,7 +110,7 @@ class BSplineCurve(AbstractCurve):
             TypeError: arguments that the class refuses, or a degree that is not an integer.
         """
         points, degree = _rows(control_points), _checked_degree(degree)
-        return cls(points, np.arange(points.shape[0] + degree + 1.0), weights, closed)
+        return cls(points, np.arange(points.shape[0] + degree + 1.0), weights, periodic)
 
     @classmethod
     def clamped(cls, control_points: Numbers, degree: int = 3, weights: Numbers | None = None) -> "BSplineCurve":
@@ -122,7 +124,7 @@ class BSplineCurve(AbstractCurve):
 
         Args:
             control_points: (points, dim) coordinates of at least degree + 1 points.
-            degree: degree of the pieces, at least 0; the default 3 gives continuous curvature.
+            degree: polynomial degree, at least 0; the default 3 gives continuous curvature.
             weights: (points,) positive weights; None means a polynomial spline.
 
         Returns:
@@ -171,7 +173,7 @@ class BSplineCurve(AbstractCurve):
 
     @property
     def degree(self) -> int:
-        """Degree of the pieces."""
+        """Polynomial degree between two knots."""
         return self.knots.shape[-1] - self.control_points.shape[-2] - 1
 
     @property

@@ -317,5 +317,6 @@ def _checked_triangles(triangles: Numbers, count: int) -> Array:
         if len(bad):
             row = int(bad[0, 0])
             shown = ", ".join(map(str, array[row]))
-            raise ValueError(f"triangles[{row}] is ({shown}); needs indices from 0 to {count - 1}.")
+            hint = "; if they start at 1, subtract 1" if array.min() == 1 and array.max() == count else ""
+            raise ValueError(f"triangles[{row}] is ({shown}); needs indices from 0 to {count - 1}{hint}.")
     return jnp.asarray(array, dtype=int)

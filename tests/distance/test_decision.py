@@ -93,7 +93,7 @@ def test_far_thresholds_take_far_fewer_steps():
         np.stack([(1 + w * np.cos(k * angle)) * np.cos(angle), (1 + w * np.sin(k * angle)) * np.sin(angle)], axis=1)
         for w, k in ((0.1, 5), (0.15, 7))
     ]
-    a, b = (jhd.BSplineCurve.uniform(rows, closed=True).segments() for rows in ring)
+    a, b = (jhd.BSplineCurve.uniform(rows, periodic=True).segments() for rows in ring)
     # Each direction alone: of the second one the two-sided distance finds out only what the first leaves open.
     full = sum(int(jhd.directed_hausdorff(*pair).stats["steps"]) for pair in ((a, b), (b, a)))
     distance = float(jhd.hausdorff(a, b))

@@ -169,7 +169,7 @@ OTHERS = [
     lambda rng: (jhd.circle((0, 0), 1), jhd.circle((0.1, 0), 1.2)),
     lambda rng: (
         jhd.polyline(ring(400) * rng.normal(1, 1e-2, size=(400, 1)), True),
-        jhd.BSplineCurve.uniform(ring(20), closed=True),
+        jhd.BSplineCurve.uniform(ring(20), periodic=True),
     ),
 ]
 

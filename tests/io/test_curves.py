@@ -28,7 +28,7 @@ CURVES = {
     "rational Bezier": BezierCurve(awkward(3, 3), weights=np.abs(awkward(3))),
     "B-spline": BSplineCurve(awkward(5, 2), KNOTS),
     "NURBS": BSplineCurve(awkward(5, 2), KNOTS, weights=np.abs(awkward(5))),
-    "periodic B-spline": BSplineCurve.uniform(awkward(5, 2), closed=True),
+    "periodic B-spline": BSplineCurve.uniform(awkward(5, 2), periodic=True),
     "segments": BezierSegments(awkward(4, 3, 2)),
     "segments with joints": BezierSegments(awkward(3, 2, 2), next_segment=[2, -1, 0]),
     "polyline": polyline(awkward(4, 3), closed=True),
@@ -159,6 +159,8 @@ def test_files_that_are_missing_or_no_text_or_no_object_are_refused(tmp_path):
     file.write_bytes(b"{\xff}")
     with pytest.raises(ParseError, match=r"bytes\.json: byte 1 is not UTF-8 text"):
         load_curve(file)
+    with pytest.raises(ParseError, match=r"bytes\.stl: byte 1 .*; load_curve reads JSON files, and load_shape other"):
+        load_curve(file.rename(tmp_path / "bytes.stl"))
     file.write_text("[1, 2]", encoding="utf-8")
     with pytest.raises(ParseError, match="A curve is a JSON object with a key 'type'; got list"):
         load_curve(file)

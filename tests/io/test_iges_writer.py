@@ -25,8 +25,8 @@ def awkward(*shape):
 EXACT = {
     "B-spline": jhd.BSplineCurve(awkward(5, 3), KNOTS),
     "NURBS": jhd.BSplineCurve(awkward(5, 3), KNOTS, np.abs(awkward(5))),
-    "periodic": jhd.BSplineCurve.uniform(awkward(5, 3), closed=True),
-    "periodic NURBS": jhd.BSplineCurve.uniform(awkward(5, 3), closed=True, weights=np.abs(awkward(5))),
+    "periodic": jhd.BSplineCurve.uniform(awkward(5, 3), periodic=True),
+    "periodic NURBS": jhd.BSplineCurve.uniform(awkward(5, 3), periodic=True, weights=np.abs(awkward(5))),
     "surface": jhd.BSplineSurface(awkward(4, 3, 3), KNOTS_U, KNOTS_V),
     "rational surface": jhd.BSplineSurface(awkward(4, 3, 3), KNOTS_U, KNOTS_V, np.abs(awkward(4, 3))),
     "segments": jhd.BezierSegments(awkward(3, 4, 3), np.abs(awkward(3, 4))),

@@ -17,7 +17,7 @@ KNOTS = np.sort(RANDOM.normal(size=9))
 KNOTS_U, KNOTS_V = np.sort(RANDOM.normal(size=7)), np.sort(RANDOM.normal(size=5))
 SPLINES = {
     "curve": jhd.BSplineCurve(RANDOM.normal(size=(5, 2)), KNOTS),
-    "periodic": jhd.BSplineCurve.uniform(RANDOM.normal(size=(5, 3)), closed=True),
+    "periodic": jhd.BSplineCurve.uniform(RANDOM.normal(size=(5, 3)), periodic=True),
     "surface": jhd.BSplineSurface(RANDOM.normal(size=(4, 3, 3)), KNOTS_U, KNOTS_V),
 }
 

@@ -274,7 +274,7 @@ def test_what_is_written_is_read_back_bit_for_bit(tmp_path, degree, y_up):
 
 def test_contours_and_joints_survive_the_round_trip(tmp_path):
     square, open_line = polyline(awkward((4, 2)), closed=True), polyline(awkward((3, 2), seed=8))
-    spline = BSplineCurve.uniform(np.random.default_rng(3).normal(size=(6, 2)), closed=True)
+    spline = BSplineCurve.uniform(np.random.default_rng(3).normal(size=(6, 2)), periodic=True)
     for curve in (BezierSegments.join([square, open_line, square]), spline.segments()):
         save_svg(tmp_path / "out.svg", curve)
         again = load_svg(tmp_path / "out.svg")

@@ -97,7 +97,7 @@ def test_uniform_open_splines_have_integer_knots():
 
 @pytest.mark.parametrize("degree", swept([4, 1], 1, 1))
 def test_uniform_closed_splines_agree_with_scipy_on_wrapped_points(degree):
-    curve = BSplineCurve.uniform(POINTS, degree, closed=True)
+    curve = BSplineCurve.uniform(POINTS, degree, periodic=True)
     assert (curve.control_points.shape, curve.knots.shape) == ((7, 2), (8 + degree,))
     reference = BSpline(np.arange(8.0 + 2 * degree), np.vstack([POINTS, POINTS[:degree]]), degree)
     t = np.linspace(degree, degree + 7, 29)
@@ -342,7 +342,7 @@ def test_what_is_no_scipy_spline_is_refused():
         (lambda: BSplineCurve.uniform(POINTS[:3]), r"control_points has 3 points; degree 3 .* needs at least 4\."),
         (lambda: BSplineCurve.clamped(POINTS[:2], 2), r"control_points has 2 points; degree 2 .* needs at least 3\."),
         (
-            lambda: BSplineCurve.uniform(POINTS[:2], closed=True),
+            lambda: BSplineCurve.uniform(POINTS[:2], periodic=True),
             r"control_points has 2 points; periodic degree 3 \(6 knots\) needs at least 3\.",
         ),
         (lambda: BSplineCurve(POINTS, np.arange(7)), r"knots has 7 entries; 7 control points need at least 8\."),
@@ -428,7 +428,7 @@ def test_a_curve_is_a_tree_of_its_arrays():
 
 @pytest.mark.slow
 def test_curves_are_mapped_over():
-    batch = eqx.filter_vmap(lambda c: BSplineCurve.uniform(c, closed=True))(np.stack([POINTS, 2 * POINTS]))
+    batch = eqx.filter_vmap(lambda c: BSplineCurve.uniform(c, periodic=True))(np.stack([POINTS, 2 * POINTS]))
     assert (batch.degree, batch.dim) == (3, 2)
     t = np.linspace(3, 9, 5)
     values = jax.jit(jax.vmap(lambda curve: curve(t)))(batch)

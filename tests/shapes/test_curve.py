@@ -580,7 +580,7 @@ def test_the_precision_is_double_unless_the_environment_says_otherwise():
     assert jhd.circle((0, 0), 1).control_points.dtype == "float64"
     code = (
         "import numpy as np, jhd\n"
-        "a = jhd.BSplineCurve.uniform(np.arange(8.0).reshape(4, 2) ** 2, closed=True)\n"
+        "a = jhd.BSplineCurve.uniform(np.arange(8.0).reshape(4, 2) ** 2, periodic=True)\n"
         "for x in (a, a.segments(), jhd.BezierCurve([[0, 0.5], [1, 2]]), jhd.circle((0, 0), 1)):\n"
         "    assert x.control_points.dtype == x(0.5).dtype == 'float32', x\n"
         "assert a.segments().next_segment.tolist() == [1, 2, 3, 0]\n"

@@ -127,7 +127,7 @@ def test_contours_stay_closed_and_apart():
     found = rings.to_polyline(0.05).shape
     assert found.count == 32
     np.testing.assert_array_equal(found.next_segment, [*range(1, 16), 0, *range(17, 32), 16])
-    smooth = jhd.BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True).to_cubics(1e-6)
+    smooth = jhd.BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], periodic=True).to_cubics(1e-6)
     np.testing.assert_array_equal(smooth.shape.next_segment, [1, 2, 3, 0])
 
 

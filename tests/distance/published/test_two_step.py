@@ -240,8 +240,8 @@ def test_samples_are_counted_once_and_without_padding():
     for method in (jhd.published.TwoStep(samples=10), jhd.published.TwoStep(samples=10, per="curve"), PAPER):
         assert int(jhd.directed_hausdorff(one, one.transform(np.eye(2), [0.0, 1.0]), method).stats["samples"]) == 11
     angle = 2 * np.pi * np.arange(90) / 90
-    ring = jhd.BSplineCurve.uniform(np.stack([3 * np.cos(angle), np.sin(angle)], axis=1), closed=True)
-    wide = jhd.BSplineCurve.uniform(np.stack([3 * np.cos(angle), 2 * np.sin(angle)], axis=1), closed=True)
+    ring = jhd.BSplineCurve.uniform(np.stack([3 * np.cos(angle), np.sin(angle)], axis=1), periodic=True)
+    wide = jhd.BSplineCurve.uniform(np.stack([3 * np.cos(angle), 2 * np.sin(angle)], axis=1), periodic=True)
     found = [
         jhd.directed_hausdorff(ring, wide, m)
         for m in (jhd.published.TwoStep(90, per="curve"), jhd.published.TwoStep(1))

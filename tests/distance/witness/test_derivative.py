@@ -29,7 +29,7 @@ def curve(kind, rng, spread=1.0):
         angle = 2 * np.pi * np.arange(7) / 7
         rows = spread * np.stack([np.cos(angle), np.sin(angle)], axis=1) + 0.2 * rng.normal(size=(7, 2))
         weights = np.exp(0.3 * rng.normal(size=7)) if kind == "nurbs" else None
-        return jhd.BSplineCurve.uniform(rows, closed=True, weights=weights)
+        return jhd.BSplineCurve.uniform(rows, periodic=True, weights=weights)
     if kind == "spline":
         knots = np.concatenate([np.zeros(4), np.sort(rng.uniform(0.1, 0.9, 3)), np.ones(4)])
         return jhd.BSplineCurve(spread * rng.normal(size=(7, 2)), knots)
