@@ -56,3 +56,18 @@ def test_distances_of_an_explicitly_sharded_batch():
     for name in ("value", "lower", "upper"):
         np.testing.assert_array_equal(getattr(found, name), getattr(known, name))
     np.testing.assert_array_equal(found.witness.feet, known.witness.feet)
+
+
+def test_plain_calls_do_not_see_the_mesh_of_the_user():
+    rows = np.random.default_rng(6).normal(size=(2, 4, 3))
+
+    def found():
+        curves = [jhd.BezierCurve(x[:, :2]) for x in rows]
+        patches = [jhd.BezierPatch(x.reshape(2, 2, 3) + [0, 0, height]) for x, height in zip(rows, (0, 5), strict=True)]
+        return [call(a, b) for call in (jhd.hausdorff, jhd.minimum_distance) for a, b in (curves, patches)]
+
+    known = found()
+    with jax.set_mesh(MESH):
+        # The arrays of shapes that are made here have the axes of the mesh.
+        for x, y in zip(found(), known, strict=True):
+            assert (x.value, x.lower, x.upper) == (y.value, y.lower, y.upper)

@@ -28,6 +28,7 @@ from jhd._runtime.forks import check_process
 from jhd._runtime.jax_internals import count_executables, host_device, is_literal, trace_context
 from jhd._runtime.memory import check_memory
 from jhd._runtime.programs import NotKeptError, is_ours, load, name_of_program, refused, short_name, store
+from jhd._runtime.sharding import may_be_shared, without_mesh
 
 _R = TypeVar("_R")
 
@@ -146,7 +147,7 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, level
         if is_tracing(*args):
             return inner(*args)
         # Known numbers need no part in an enclosing derivative, which would cost milliseconds.
-        with eval_context():
+        with eval_context(), without_mesh():
             if os.getenv("JHD_CACHE") == "0":
                 return plain(*args)
             if kept is None:  # only here, as the function has its name by now
@@ -375,7 +376,12 @@ def _device() -> Any:
 
 
 def _moved(x: Any) -> Any:
-    """The array as one of NumPy if it lies on the device for calls of the host and is used elsewhere, or vice versa."""
+    """The array as one of NumPy if it lies on the device for calls of the host and is used elsewhere, or vice versa.
+
+    Also if it lies whole on each device of a mesh with explicit axes, which a program for one device does not have.
+    """
+    if isinstance(x, jax.Array) and may_be_shared(x) and x.is_fully_replicated:
+        return np.asarray(x)
     if not isinstance(x, jax.Array) or x.committed:
         return x
     ours = jax.devices()

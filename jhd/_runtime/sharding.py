@@ -1,13 +1,21 @@
 """Batches with an explicitly sharded axis: each device computes its own part."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, TypeVar
 
 import jax
+import numpy as np
 from jax.custom_batching import custom_vmap
-from jax.sharding import AxisType, PartitionSpec
+from jax.sharding import AxisType, Mesh, PartitionSpec, get_abstract_mesh
 
 _R = TypeVar("_R")
+_NO_MESH = Mesh(np.empty((), object), ())
+
+
+def without_mesh() -> AbstractContextManager[object]:
+    """A context without the mesh of `jax.set_mesh`, whose explicit axes would belong to the types of new arrays."""
+    return nullcontext() if get_abstract_mesh().empty else jax.set_mesh(_NO_MESH)
 
 
 def shared_by_devices(function: Callable[..., _R]) -> Callable[..., _R]:
@@ -30,7 +38,7 @@ def shared_by_devices(function: Callable[..., _R]) -> Callable[..., _R]:
         found = _on_own_devices(members, leaves, axes)(*leaves)
         return found, jax.tree_util.tree_map(lambda _: True, found)
 
-    return lambda *args: single(*args) if _may_be_shared(args) else function(*args)
+    return lambda *args: single(*args) if may_be_shared(args) else function(*args)
 
 
 def is_partitioned(values: Any) -> bool:
@@ -43,7 +51,7 @@ def is_partitioned(values: Any) -> bool:
     return any(AxisType.Explicit in kind or (AxisType.Manual in kind and len(kind) > 1) for kind in kinds)
 
 
-def _may_be_shared(values: Any) -> bool:
+def may_be_shared(values: Any) -> bool:
     """Whether arrays are on explicit axes of a mesh; axes of a batch and of its members are not distinguished."""
     meshes = [jax.typeof(x).sharding.mesh for x in jax.tree_util.tree_leaves(values)]
     return any(AxisType.Explicit in mesh.axis_types for mesh in meshes)
