@@ -38,8 +38,8 @@ _PAGE_HELP = "file for an HTML page: walk along plane curves, or rotate shapes i
 _CERTIFICATE_HELP = "file for a certificate of the bounds, which jhd verify checks"
 _FILES_EPILOG = """\
 SHAPE is one of
-  a curve              .json, .svg, .igs, .geojson or .wkt file, font:NAME:LETTER, or SVG path data ("M 0 0 L 1 2")
-  a parametric surface .json or .igs file
+  a curve              .json, .svg, .igs, .iges, .geojson, .wkt file, font:NAME:LETTER, or SVG path data ("M 0 0 L 1 2")
+  a parametric surface .json, .igs or .iges file
   a triangle mesh      .obj, .off, .ply, .stl, .glb, .gltf or .3mf file
   a point set          .xyz, .csv, .txt, .npy, .geojson or .wkt file, or .ply file without faces
 """

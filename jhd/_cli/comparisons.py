@@ -246,7 +246,7 @@ def _rows_of(found: Any, shape: Any) -> Iterator[list[Any]]:
     kind, *parameters = PLACES[kind_of(shape)]
     place = [kind, *parameters] if kind else []
     yield ["distance", "lower", "upper", *place, *(f"foot {axis}" for axis in "xyz"[: shape.dim]), "result"]
-    columns = [found.distance, found.lower, found.upper, found.segment, found.t, found.foot]
+    columns = [found.distance, found.lower, found.upper, found.element, found.t, found.foot]
     for value, lower, upper, element, t, foot, end in zip(
         *map(np.asarray, columns), to_plain(found.result), strict=True
     ):

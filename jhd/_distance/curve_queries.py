@@ -88,7 +88,7 @@ class _ProjectedRow(NamedTuple):
     lower: Any
     upper: Any
     foot: Any
-    segment: Any
+    element: Any
     t: Any
     result: Any
 

@@ -121,7 +121,7 @@ class Deviation(AbstractSolution):
             ValueError: the threshold is not one number of at least 0.
         """
         if not _is_number(threshold) or not float(threshold) >= 0:
-            raise ValueError(f"threshold is {threshold!r}; needs a length of at least 0.")
+            raise ValueError(f"threshold is {threshold!r}; needs a length of at least 0, as a number.")
         return Bounds(*share_bounds(self._weights(), *self._values().within(threshold)))
 
     def at(self, params: Numbers | None = None) -> Projection:

@@ -63,7 +63,7 @@ def project(
         throw: whether to raise NotProvenError if the bounds of a query do not close; by default True.
 
     Returns:
-        A Projection: distances with bounds, foot points, segments and parameters. Local methods certify no lower bound:
+        A Projection: distances with bounds, foot points, elements and parameters. Local methods certify no lower bound:
         it is 0. If no point of an implicit surface can be certified, `upper` is infinite.
 
     Raises:

@@ -153,24 +153,24 @@ class IntervalHalvingProjection(AbstractProjectionMethod):
 
     Args:
         interval: initial interval of the parameter.
-        tolerance: interval of the parameter at which it stops.
+        xtol: interval of the parameter at which it stops.
         max_steps: largest number of steps.
 
     Source: Shortest distance from a point to a Bezier curve.
     """
 
     interval: float = eqx.field(static=True, default=0.1)
-    tolerance: float = eqx.field(static=True, default=1e-8)
+    xtol: float = eqx.field(static=True, default=1e-8)
     max_steps: int = eqx.field(static=True, default=200)
 
     def __check_init__(self) -> None:
         check_whole("max_steps", self.max_steps, 1)
         _check_positive("interval", self.interval)
-        _check_positive("tolerance", self.tolerance)
+        _check_positive("xtol", self.xtol)
 
     def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
         """The best foot point over all segments, from the nearest control point of each; called by `jhd.project`."""
-        return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.tolerance, self.max_steps))
+        return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.xtol, self.max_steps))
 
 
 class NewtonProjection(AbstractProjectionMethod):
@@ -179,22 +179,22 @@ class NewtonProjection(AbstractProjectionMethod):
     Changes to the source: parameters stay in [0, 1], and it stops on the step. The source names no criterion.
 
     Args:
-        tolerance: step of the parameter at which it stops.
+        xtol: step of the parameter at which it stops.
         max_steps: largest number of steps.
 
     Source: Shortest distance from a point to a Bezier curve.
     """
 
-    tolerance: float = eqx.field(static=True, default=1e-14)
+    xtol: float = eqx.field(static=True, default=1e-14)
     max_steps: int = eqx.field(static=True, default=32)
 
     def __check_init__(self) -> None:
         check_whole("max_steps", self.max_steps, 1)
-        _check_positive("tolerance", self.tolerance)
+        _check_positive("xtol", self.xtol)
 
     def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
         """The best foot point over all segments, from the nearest control point of each; called by `jhd.project`."""
-        return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.tolerance, self.max_steps))
+        return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.xtol, self.max_steps))
 
 
 class HybridProjection(AbstractProjectionMethod):
@@ -205,7 +205,7 @@ class HybridProjection(AbstractProjectionMethod):
     Args:
         interval: initial interval of the halving.
         rough: interval at which Newton's method takes over.
-        tolerance: Newton step at which it stops.
+        xtol: Newton step at which it stops.
         max_steps: largest number of steps of each method.
 
     Source: Shortest distance from a point to a Bezier curve.
@@ -213,12 +213,12 @@ class HybridProjection(AbstractProjectionMethod):
 
     interval: float = eqx.field(static=True, default=0.1)
     rough: float = eqx.field(static=True, default=1e-2)
-    tolerance: float = eqx.field(static=True, default=1e-14)
+    xtol: float = eqx.field(static=True, default=1e-14)
     max_steps: int = eqx.field(static=True, default=64)
 
     def __check_init__(self) -> None:
         check_whole("max_steps", self.max_steps, 1)
-        for name in ("interval", "rough", "tolerance"):
+        for name in ("interval", "rough", "xtol"):
             _check_positive(name, getattr(self, name))
 
     def _one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, RESULTS]:
@@ -226,7 +226,7 @@ class HybridProjection(AbstractProjectionMethod):
 
         def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:
             rough, first = halve(e, w, s, self.interval, self.rough, self.max_steps)
-            fine, second = newton(e, w, rough, self.tolerance, self.max_steps)
+            fine, second = newton(e, w, rough, self.xtol, self.max_steps)
             # From a foot at an end, which is no root, Newton's method runs away.
             return jnp.where(height(e, w, fine) <= height(e, w, rough), fine, rough), first + second
 

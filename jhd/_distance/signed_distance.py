@@ -89,7 +89,7 @@ def signed_distance(
 
 def _flat(found: Projection, axes: int) -> ClosestPoints:
     """Return the nearest points in one row, on the host."""
-    fields = (found.distance, found.lower, found.upper, found.foot, found.segment, found.t)
+    fields = (found.distance, found.lower, found.upper, found.foot, found.element, found.t)
     return ClosestPoints(*(np.asarray(x).reshape(-1, *x.shape[axes:]) for x in fields))
 
 
@@ -108,5 +108,5 @@ def _beyond(points: Array, found: Projection, mesh: TriangleMesh, sign: str) -> 
     """
     if is_traced(points, mesh):
         raise TypeError(f"sign={sign!r} needs concrete points and a concrete mesh; under jit use sign='winding'.")
-    triangle, t = np.asarray(found.segment).reshape(-1), np.asarray(found.t).reshape(-1, 3)
+    triangle, t = np.asarray(found.element).reshape(-1), np.asarray(found.t).reshape(-1, 3)
     return is_behind(mesh, np.asarray(points).reshape(-1, 3), triangle, t, sign)

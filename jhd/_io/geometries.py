@@ -59,7 +59,7 @@ def _shapely(file: object) -> Any:
     try:
         import shapely
     except ImportError as error:
-        raise ImportError(f"{file}: reading GeoJSON and WKT needs shapely: pip install jhd[geometry]") from error
+        raise ImportError(f"{file}: reading GeoJSON and WKT needs shapely: pip install jhd[geometry].") from error
     return shapely
 
 

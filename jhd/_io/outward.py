@@ -165,7 +165,7 @@ def _shapely() -> Any:
     try:
         import shapely
     except ImportError as error:
-        raise ImportError("to_shapely needs shapely: pip install shapely") from error
+        raise ImportError("to_shapely needs shapely: pip install jhd[geometry].") from error
     return shapely
 
 

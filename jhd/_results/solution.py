@@ -207,7 +207,7 @@ class Projection(AbstractSolution):
         lower: certified lower bound of the distance to the shape; 0 for local methods.
         upper: certified upper bound of the distance to the shape.
         foot: the nearest point found.
-        segment: index of the segment, triangle or Bezier patch that holds the foot point; -1 on an implicit surface.
+        element: index of the segment, triangle or Bezier patch that holds the foot point; -1 on an implicit surface.
         t: parameter of the foot point, in [0, 1]. On a mesh: three barycentric coordinates, exactly 0 off a face. On a
             parametric surface: (u, v) on the patch. On an implicit surface: NaN.
         result: a member of RESULTS for each query.
@@ -217,7 +217,7 @@ class Projection(AbstractSolution):
     lower: Float[Array, "*batch"]
     upper: Float[Array, "*batch"]
     foot: Float[Array, "*batch dim"]
-    segment: Int[Array, "*batch"]
+    element: Int[Array, "*batch"]
     t: Float[Array, "*batch"] | Float[Array, "*batch corners"]
     result: RESULTS
 

@@ -248,15 +248,15 @@ def _cases() -> np.ndarray:
 
 
 class NotRegularError(ValueError):
-    """An implicit surface could not be proven regular near `place`: singular there, or tangent to its box."""
+    """An implicit surface could not be proven regular near `point`: singular there, or tangent to its box."""
 
-    def __init__(self, place: np.ndarray):
-        shown = ", ".join(f"{x:g}" for x in place)
+    def __init__(self, point: np.ndarray):
+        shown = ", ".join(f"{x:g}" for x in point)
         super().__init__(
             f"the surface could not be proven regular near ({shown}): its gradient may vanish there, or the "
             "surface may be tangent to a face of its box, or meet only an edge or a corner. Try another box."
         )
-        self.place = place
+        self.point = point
 
 
 class HostTriangles(NamedTuple):

@@ -63,7 +63,7 @@ def is_global(found, rows, control_points, weights=None, expected=None):
 
 def bounds_hold(found, rows, control_points, weights=None):
     """Asserts upper >= the distance at the foot, and lower <= the distance to every point of the curve, exactly."""
-    for row, segment, t, lower, upper in zip(rows, found.segment, found.t, found.lower, found.upper, strict=True):
+    for row, segment, t, lower, upper in zip(rows, found.element, found.t, found.lower, found.upper, strict=True):
         piece = control_points[int(segment)], None if weights is None else weights[int(segment)]
         assert exact.distance_sq(row, *piece, float(t)) <= Fraction(float(upper)) ** 2
         least = exact.minimum_near(row, *piece, float(t))
@@ -196,7 +196,7 @@ def test_the_nearest_of_several_segments_is_named():
     for method in GLOBAL:
         found = jhd.project(rows, jhd.BezierSegments(control_points), method)
         is_global(found, rows, control_points)
-        assert found.segment.max() <= 2
+        assert found.element.max() <= 2
         bounds_hold(jax.tree_util.tree_map(lambda x: x[:8], found), rows[:8], control_points)
 
 
@@ -207,7 +207,7 @@ def test_the_nearest_of_several_segments_is_named():
 def test_the_shape_of_the_queries_is_kept(shape):
     rows = np.random.default_rng(4).normal(size=(*shape, 2))
     found = jhd.project(rows, ARCH)
-    for name in ("distance", "lower", "upper", "segment", "t"):
+    for name in ("distance", "lower", "upper", "element", "t"):
         assert getattr(found, name).shape == shape
     assert found.foot.shape == (*shape, 2) and found.result._value.shape == shape
     expected = reference.distance_profile(rows.reshape(-1, 2), np.array([ARCH.control_points]))
@@ -261,7 +261,7 @@ def test_local_methods_prove_no_lower_bound_and_are_never_below_the_distance(met
 
 
 def test_interval_halving_finds_the_top_of_an_arch():
-    found = jhd.project([1.0, 3.0], ARCH, jhd.IntervalHalvingProjection(tolerance=1e-10))
+    found = jhd.project([1.0, 3.0], ARCH, jhd.IntervalHalvingProjection(xtol=1e-10))
     assert abs(float(found.distance) - 2) <= PROMISED
 
 
@@ -363,7 +363,7 @@ def test_a_segment_that_repeats_the_one_before_it_has_stationary_points_of_its_o
         np.testing.assert_array_equal(np.asarray(found.segment)[valid], [0, 1, 2])
         np.testing.assert_allclose(np.asarray(found.distance)[valid], [2.0, 2.0, 1.0])
         near = jhd.project([0.5, -2.0], curve)
-        assert int(near.segment) in (0, 1) and float(near.distance) == 2.0
+        assert int(near.element) in (0, 1) and float(near.distance) == 2.0
 
 
 def test_what_does_not_fit_is_said():
@@ -452,9 +452,9 @@ def test_what_is_no_projection_method_is_refused(method, as_a_user):
             "capacity is True; needs a whole number of at least 1.",
         ),
         (lambda: jhd.IntervalHalvingProjection(interval=0.0), "interval is 0.0; needs a positive number."),
-        (lambda: jhd.IntervalHalvingProjection(tolerance=-1.0), "tolerance is -1.0; needs a positive number."),
+        (lambda: jhd.IntervalHalvingProjection(xtol=-1.0), "xtol is -1.0; needs a positive number."),
         (lambda: jhd.IntervalHalvingProjection(max_steps=0), "max_steps is 0; needs a whole number of at least 1."),
-        (lambda: jhd.NewtonProjection(tolerance=float("inf")), "tolerance is inf; needs a positive number."),
+        (lambda: jhd.NewtonProjection(xtol=float("inf")), "xtol is inf; needs a positive number."),
         (lambda: jhd.NewtonProjection(max_steps=FEW), "max_steps is 'few'; needs a whole number of at least 1."),
         (lambda: jhd.HybridProjection(rough=float("nan")), "rough is nan; needs a positive number."),
         (lambda: jhd.stationary_points([0, 0], ARCH, capacity=0), "capacity is 0; needs a whole number of at least 1."),

@@ -52,7 +52,7 @@ def batch():
         lower=jnp.zeros(2),
         upper=jnp.array([0.1, jnp.inf]),
         foot=jnp.ones((2, 2)),
-        segment=jnp.array([0, 3]),
+        element=jnp.array([0, 3]),
         t=jnp.array([0.5, 0.25]),
         result=jax.vmap(
             lambda good: RESULTS.where(good, RESULTS.successful, RESULTS.capacity_reached)  # pyright: ignore[reportArgumentType]
@@ -91,7 +91,7 @@ def test_batches_are_saved_whole(tmp_path, suffix):
     save_result(file, batch())
     saved = load_result(file)["solution"]
     assert list(saved["result"]) == ["successful", "capacity_reached"]
-    np.testing.assert_array_equal(saved["segment"], [0, 3])
+    np.testing.assert_array_equal(saved["element"], [0, 3])
 
 
 def test_context_may_hold_arrays_tuples_paths_and_numbers_of_numpy(tmp_path):

@@ -114,7 +114,7 @@ def test_the_border_in_the_faces_of_the_box_is_met(text, lower, upper):
 def test_a_surface_that_is_not_regular_is_refused_with_the_place(text, near):
     with pytest.raises(NotRegularError, match="could not be proven regular near") as caught:
         ImplicitSurface.parse(text, [-1, -1, -1], [1, 1, 1]).to_mesh(0.1)
-    place = caught.value.place
+    place = caught.value.point
     if near is None:
         assert abs(np.linalg.norm(place) - 1) < 0.01 and np.sort(np.abs(place))[1] < 0.01
     else:

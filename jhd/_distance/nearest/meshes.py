@@ -80,9 +80,9 @@ def checked_points(points: Numbers) -> Array:
 def _known(found: ClosestPoints, mesh: TriangleMesh) -> Projection:
     count = len(found.distance)
     result = jax.tree_util.tree_map(lambda x: np.broadcast_to(np.asarray(x), count), RESULTS.successful)
-    segment = jnp.asarray(found.triangle.astype(np.asarray(mesh.triangles).dtype))
+    element = jnp.asarray(found.triangle.astype(np.asarray(mesh.triangles).dtype))
     lengths = (jnp.asarray(x) for x in (found.distance, found.lower, found.upper, found.foot))
-    return Projection(*lengths, segment=segment, t=jnp.asarray(found.t), result=result)
+    return Projection(*lengths, element=element, t=jnp.asarray(found.t), result=result)
 
 
 def _traced(points: Array, mesh: TriangleMesh) -> Projection:
@@ -113,7 +113,7 @@ def _traced(points: Array, mesh: TriangleMesh) -> Projection:
         lower=jnp.where(good, lower, 0.0),
         upper=jnp.where(good, upper, jnp.inf),
         foot=times_two_to(foot, exponent),
-        segment=triangle.astype(mesh.triangles.dtype),
+        element=triangle.astype(mesh.triangles.dtype),
         t=t,
         result=result,
     )

@@ -42,7 +42,7 @@ class ProvenFeet(NamedTuple):
         lower: proven lower bound of the distance to the whole shape.
         upper: proven upper bound; infinite if no point of the shape is proven.
         foot: a point of the shape.
-        segment: the part of the shape that holds it, as in Projection.
+        segment: the part of the shape that holds it, as `element` of a Projection.
         t: its parameters there, as in Projection.
         closed: whether the bounds meet the tolerance.
     """
@@ -64,7 +64,7 @@ class FootRows(NamedTuple):
     Args:
         point: the points.
         error: the shape has a point within this distance; infinite if none is proven.
-        segment: the part of the shape that holds each, as in Projection.
+        segment: the part of the shape that holds each, as `element` of a Projection.
         t: its parameters there, one column each; no columns for implicit surfaces.
     """
 

@@ -72,7 +72,7 @@ class PointBody(AbstractBody):
 
     @override
     def with_foot_derivatives(self, found: Projection, queries: Array) -> Projection:
-        foot = self.points[found.segment]
+        foot = self.points[found.element]
         return attached(attached(found, found.distance > 0, distance=length(queries - foot)), foot=foot)
 
     @override

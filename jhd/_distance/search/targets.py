@@ -77,7 +77,7 @@ def _projection(*parts: Any) -> Projection:
     xp: Any = jnp if is_traced(parts) else np
     result = jax.tree_util.tree_map(lambda *x: xp.stack(x)[end], *_ENDS)
     numbers[4] = numbers[4].astype(jnp.result_type(int))
-    names = "distance", "lower", "upper", "foot", "segment", "t", "result"
+    names = "distance", "lower", "upper", "foot", "element", "t", "result"
     return unchecked(Projection, dict(zip(names, (*numbers, result), strict=True)))
 
 

@@ -24,7 +24,7 @@ from jhd._distance.search.bodies import body_of
 from jhd._distance.search.on_patches import NetTarget
 from jhd._distance.search.targets import proven_with_derivatives
 from jhd._distance.statistics.quadrature import Nodes, known_along
-from jhd._results.solution import Projection
+from jhd._results.solution import RESULTS
 from jhd._runtime.arrays import undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd._shapes.prepared import working
@@ -79,12 +79,15 @@ class Sight:
         self._close = _CLOSE * float(np.max(high - low))
         self.most = self._body.most_points * (_PATIENCE if derived else 1)
 
-    def feet(self, points: np.ndarray) -> ProvenFeet | Projection:
+    def feet(self, points: np.ndarray) -> ProvenFeet:
         """Return the nearest feet of points, in the unit of b."""
         # Known numbers need nothing of a derivative that is being taken around.
         with eval_context():
             if self._target is None:
-                return project(points, self.b, throw=False)
+                found = project(points, self.b, throw=False)
+                closed = found.result == RESULTS.successful
+                known = found.distance, found.lower, found.upper, found.foot, found.element, found.t, closed
+                return ProvenFeet(*map(np.asarray, known))
             found = self._target.nearest(points, close=self._close)
             # Points that may be at distance zero are resolved to the end.
             maybe = (found.lower <= 0) & told_from_zero(found, self.scale)

@@ -185,7 +185,7 @@ def projection_with_derivatives(found: Projection, queries: Array, curve: Bezier
         return found
     known = _FootNumbers(found.distance, found.foot, found.t)
     numbers = queries, curve.control_points, curve.weights
-    distance, foot, t = _moving_feet(known, numbers, found.segment)
+    distance, foot, t = _moving_feet(known, numbers, found.element)
     return replace(found, distance=distance, foot=foot, t=t)
 
 

@@ -38,7 +38,7 @@ def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) 
 
 def with_mesh_derivatives(found: Projection, queries: Array, mesh: TriangleMesh) -> Projection:
     """Return nearest points of a mesh, differentiable in the queries and in the vertices."""
-    distance, foot, t = _feet(queries, mesh.vertices[mesh.triangles[found.segment]], found.t > 0)
+    distance, foot, t = _feet(queries, mesh.vertices[mesh.triangles[found.element]], found.t > 0)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 

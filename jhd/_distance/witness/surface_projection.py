@@ -42,7 +42,7 @@ _SINGULAR = 1e-8
 
 def with_patch_derivatives(found: Projection, queries: Array, net: Net) -> Projection:
     """Return nearest points (points, ...) of a net, differentiable in the queries and in the net."""
-    distance, foot, t = distances_from_patches(queries, found.segment, found.t, net)
+    distance, foot, t = distances_from_patches(queries, found.element, found.t, net)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 

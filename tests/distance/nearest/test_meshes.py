@@ -103,7 +103,7 @@ def test_under_jit_a_query_that_is_no_number_says_so():
 def test_the_shape_of_the_queries_is_kept():
     found = project(QUERIES.reshape(2, 2, 3), TriangleMesh(VERTICES, TRIANGLES))
     assert (found.distance.shape, found.foot.shape, found.t.shape) == ((2, 2), (2, 2, 3), (2, 2, 3))
-    assert found.segment.tolist()[0] == [0, 0]
+    assert found.element.tolist()[0] == [0, 0]
 
 
 @pytest.mark.parametrize(
