@@ -344,7 +344,7 @@ def test_what_cannot_be_measured_is_refused(call, error, message):
         call(jhd.polyline(SEGMENT), jhd.point_set([(0, 0)]))
 
 
-def test_a_polynomial_surface_has_no_proven_area():
+def test_an_implicit_surface_has_no_proven_area():
     sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", -1.5 * np.ones(3), 1.5 * np.ones(3))
     with pytest.raises(TypeError, match="whose area is not certified"):
         jhd.deviation(sphere, jhd.point_set([(0, 0, 0)]))

@@ -1,4 +1,4 @@
-"""Polynomial surfaces with points at which the polynomial does not change its sign: exact arithmetic proves them."""
+"""Implicit surfaces with points at which the polynomial does not change its sign: exact arithmetic proves them."""
 
 import equinox as eqx
 import numpy as np

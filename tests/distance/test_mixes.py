@@ -384,7 +384,7 @@ def test_shapes_that_are_none_and_do_not_fit_are_refused():
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(("seed", "near"), [(3, True), (4, False)])
-def test_a_polynomial_surface_farthest_where_two_feet_are_as_near_closes_with_few_cells(seed, near):
+def test_an_implicit_surface_farthest_where_two_feet_are_as_near_closes_with_few_cells(seed, near):
     # About such places feet that samples lead to are not the nearest ones: of tens of thousands of cells, once.
     random = np.random.default_rng(seed)
     bent, plane = random.normal(size=(4, 4, 3)), np.stack([*np.mgrid[-1:1:4j, -1:1:4j], np.zeros((4, 4))], axis=-1)

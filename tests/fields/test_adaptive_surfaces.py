@@ -1,4 +1,4 @@
-"""Adaptive distance fields of parametric and polynomial surfaces, against closed forms."""
+"""Adaptive distance fields of parametric and implicit surfaces, against closed forms."""
 
 import numpy as np
 import pytest

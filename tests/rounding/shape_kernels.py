@@ -33,7 +33,7 @@ def uniform(seed: int, *shape: int, low: float = -1.0) -> np.ndarray:
 
 
 def side(coefficients: Any) -> Side:
-    """A polynomial surface in [-1, 1]^3 whose coefficients are exact."""
+    """An implicit surface in [-1, 1]^3 whose coefficients are exact."""
     ends = np.ones(3, DTYPE)
     zeros = np.zeros(coefficients.shape, DTYPE)
     return Side(coefficients, zeros, -ends, ends, np.zeros((3, 3, 3), bool), isolated.none_known(DTYPE))

@@ -1,4 +1,4 @@
-"""Flat pieces beside polynomial surfaces: their points are near the surface, and none is where nothing is known."""
+"""Flat pieces beside implicit surfaces: their points are near the surface, and none is where nothing is known."""
 
 import jax
 import numpy as np

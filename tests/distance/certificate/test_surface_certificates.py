@@ -1,4 +1,4 @@
-"""Certificates of polynomial surfaces with shapes of every kind: what is true is proven sharply, the rest refused."""
+"""Certificates of implicit surfaces with shapes of every kind: what is true is proven sharply, the rest refused."""
 
 import copy
 import itertools

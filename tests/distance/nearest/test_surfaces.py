@@ -1,4 +1,4 @@
-"""Nearest points of polynomial surfaces against closed forms, and how soon they are proven."""
+"""Nearest points of implicit surfaces against closed forms, and how soon they are proven."""
 
 import jax
 import jax.numpy as jnp

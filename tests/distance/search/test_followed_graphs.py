@@ -1,4 +1,4 @@
-"""Polynomial surfaces against pieces of other shapes, where the distance is about constant along circles or regions."""
+"""Implicit surfaces against pieces of other shapes, where the distance is about constant along circles or regions."""
 
 import numpy as np
 import pytest

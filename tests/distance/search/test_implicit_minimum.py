@@ -1,4 +1,4 @@
-"""Minimum distances with polynomial surfaces far from the origin and in extreme sizes: true bounds, equally close."""
+"""Minimum distances with implicit surfaces far from the origin and in extreme sizes: true bounds, equally close."""
 
 from fractions import Fraction
 

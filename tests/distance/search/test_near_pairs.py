@@ -1,4 +1,4 @@
-"""Polynomial surfaces and shapes of many pieces: bounds hold closed forms and close, where they meet too."""
+"""Implicit surfaces and shapes of many pieces: bounds hold closed forms and close, where they meet too."""
 
 import jax
 import jax.numpy as jnp

@@ -78,7 +78,7 @@ FARTHEST = {
 }
 # From points the first block of them is always measured.
 FEWEST = {"to points": 1}
-# Quick tests of polynomial surfaces alone interrupt their search too.
+# Quick tests of implicit surfaces alone interrupt their search too.
 APART = [5.0, 1.0, 0.5]
 CLOSEST = {
     "nets": (InTurn, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),

@@ -1,4 +1,4 @@
-"""What searches on polynomial surfaces start from: from the host as in a program."""
+"""What searches on implicit surfaces start from: from the host as in a program."""
 
 import jax
 import numpy as np

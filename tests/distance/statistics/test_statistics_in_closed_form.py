@@ -1,6 +1,6 @@
 """Measures between shapes of every kind whose distances have closed forms, and their derivatives beside these forms.
 
-Rational arcs, polynomial surfaces as targets, and meshes beside meshes, with a kink of the distance across them.
+Rational arcs, implicit surfaces as targets, and meshes beside meshes, with a kink of the distance across them.
 """
 
 import math
