@@ -398,10 +398,10 @@ def _add_out(parser: Any, content: str, suffixes: str, required: bool = False) -
     parser.add_argument("-o", "--out", required=required, metavar="FILE", help=help_)
 
 
-def _add_search(parser: Any) -> None:
+def _add_search(parser: Any, method: str = "BranchAndBound, the only one for this command") -> None:
     """Options that all commands on collections have."""
     parser.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-    parser.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("BranchAndBound"))
+    parser.add_argument("--method", metavar="NAME", help=method)
     _add_tolerances(parser)
     _add_max_seconds(parser, "time in seconds after which no further search begins (default: none)")
     parser.add_argument("--jobs", type=int, metavar="N", help="number of threads (default: one for each processor)")
@@ -432,7 +432,8 @@ def _add_collections(commands: Any) -> None:
     duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes, see below")
     threshold = "largest Hausdorff distance of a pair"
     duplicates.add_argument("--threshold", type=lengths.length, required=True, metavar="LENGTH", help=threshold)
-    for command in (pairwise, nearest, duplicates):
+    _add_search(pairwise, _METHOD_HELP.format("BranchAndBound"))
+    for command in (nearest, duplicates):
         _add_search(command)
 
 

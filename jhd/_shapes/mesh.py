@@ -4,20 +4,21 @@ Common edges and vertices are found from the coordinates. Vertices at the same p
 repeats vertices along seams can still be closed.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jhd._arithmetic.scaling import length
 from jhd._results.display import batch_text, box_text, count_text, described, is_known, opaque
 from jhd._runtime.argument_hints import takes
 from jhd._runtime.arrays import array_of, bare_array, is_traced, module_of, on_host, real_array
 from jhd._shapes import sketches
 from jhd._shapes.checks import Numbers
 from jhd._shapes.foreign import HasVertices, PolyData, Trimesh
-from jhd._shapes.homogeneous import affine_image
+from jhd._shapes.homogeneous import affine_image, in_unit, out_of_unit
 
 # Scenes of trimesh, grids of PyVista.
 _WAYS_TO_MESHES = ("to_mesh", "extract_surface")
@@ -133,30 +134,30 @@ class TriangleMesh(eqx.Module):
         return array_of(vertices[triangles])
 
     @property
-    @np.errstate(over="ignore", invalid="ignore")
     def normals(self) -> Float[Array, "triangles 3"]:
         """Unit normals; the zero vector for triangles without area."""
-        doubled, length = self._doubled_areas()
-        return array_of(doubled / module_of(length).where(length > 0, length, 1.0))
+        doubled, sizes, _ = self._doubled_areas()
+        return array_of(doubled / module_of(sizes).where(sizes > 0, sizes, 1.0))
 
     @property
-    @np.errstate(over="ignore", invalid="ignore")
+    @np.errstate(over="ignore")
     def area(self) -> Float[Array, ""]:
         """Sum of the areas of all triangles."""
-        return array_of(0.5 * self._doubled_areas()[1].sum())
+        _, sizes, power = self._doubled_areas()
+        return array_of(out_of_unit(0.5 * sizes.sum(), 2 * power))
 
     @property
-    @np.errstate(over="ignore", invalid="ignore")
+    @np.errstate(over="ignore")
     def volume(self) -> Float[Array, ""]:
         """Enclosed volume of a closed mesh, positive if the normals point outwards.
 
         It is the sum of the signed volumes of the tetrahedra between the triangles and the center of the bounding box.
         The value is meaningless if the mesh is not closed.
         """
-        corners, lower, upper = on_host(self.corners, *self.bounds)
-        xp = module_of(corners)
-        a, b, c = xp.moveaxis(corners - (lower + 0.5 * (upper - lower)), -2, 0)
-        return array_of((a * xp.cross(b, c)).sum() / 6)
+        corners, _, power, _ = in_unit(self.corners, None)
+        center = 0.5 * (corners.min(axis=(-3, -2)) + corners.max(axis=(-3, -2)))
+        a, b, c = module_of(corners).moveaxis(corners - center, -2, 0)
+        return array_of(out_of_unit((a * module_of(corners).cross(b, c)).sum() / 6, 3 * power))
 
     @property
     def is_closed(self) -> bool:
@@ -217,18 +218,12 @@ class TriangleMesh(eqx.Module):
         triangles = array_of(xp.where(mirrored, triangles[:, np.array([0, 2, 1])], triangles))
         return TriangleMesh(affine_image(self.vertices, matrix, offset), triangles)
 
-    @np.errstate(over="ignore", invalid="ignore")
-    def _doubled_areas(self) -> tuple[Array, Array]:
-        """Normals as long as twice the area, and these lengths."""
-        (corners,) = on_host(self.corners)
-        xp = module_of(corners)
-        a, b, c = xp.moveaxis(corners, -2, 0)
-        doubled = xp.cross(b - a, c - a)
-        size = xp.abs(doubled).max(axis=-1, keepdims=True)
-        # Tiny and huge normals would leave the range of floats when squared.
-        scaled = doubled / xp.where(size > 0, size, 1.0)
-        square = (scaled * scaled).sum(axis=-1, keepdims=True)
-        return doubled, xp.where(size > 0, size * xp.sqrt(xp.where(size > 0, square, 1.0)), 0.0)
+    def _doubled_areas(self) -> tuple[Array, Array, Any]:
+        """Normals as long as twice the area, these lengths, and the power of two that is the unit of the corners."""
+        corners, _, power, _ = in_unit(self.corners, None)
+        a, b, c = module_of(corners).moveaxis(corners, -2, 0)
+        doubled = module_of(corners).cross(b - a, c - a)
+        return doubled, length(doubled)[..., None], power
 
 
 class Edges(NamedTuple):

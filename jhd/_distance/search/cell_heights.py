@@ -164,8 +164,10 @@ class CellHeights:
                 found = self._by_parts(smaller, feet, np.repeat(normal[rows], many, axis=0), cuts + 1)
                 found = found.reshape(3, -1, many)
                 sizes = np.abs(np.linalg.det(smaller.shares.astype(np.float64))).reshape(-1, many)
-                shares = sizes / np.sum(sizes, axis=1, keepdims=True)
-                means = np.sum(shares * found[1:], axis=2) + _ROUNDINGS * np.max(found[1:], axis=2)
+                # A part of size zero without a bound gives NaN, which replaces no bound.
+                with np.errstate(invalid="ignore"):
+                    shares = sizes / np.sum(sizes, axis=1, keepdims=True)
+                    means = np.sum(shares * found[1:], axis=2) + _ROUNDINGS * np.max(found[1:], axis=2)
                 joined = np.concatenate([np.max(found[:1], axis=2), means])
                 bounds[:, rows] = np.fmin(bounds[:, rows], joined)
         return bounds
