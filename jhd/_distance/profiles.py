@@ -25,18 +25,18 @@ class DistanceProfile(NamedTuple):
         foot: foot points on `b`.
     """
 
-    t: Float[Array, " places"]
-    point: Float[Array, "places dim"]
-    distance: Float[Array, " places"]
-    lower: Float[Array, " places"]
-    upper: Float[Array, " places"]
-    foot: Float[Array, "places dim"]
+    t: Float[Array, " parameters"]
+    point: Float[Array, "parameters dim"]
+    distance: Float[Array, " parameters"]
+    lower: Float[Array, " parameters"]
+    upper: Float[Array, " parameters"]
+    foot: Float[Array, "parameters dim"]
 
     def __repr__(self) -> str:
         if text := opaque(self):
             return text
-        places = count_text(self.distance.shape[-1], "place")
-        return described(self, places, most_text("distances up to", self.upper))
+        parameters = count_text(self.distance.shape[-1], "parameter")
+        return described(self, parameters, most_text("distances up to", self.upper))
 
 
 def distance_profile(a: ShapeLike, b: ShapeLike, samples: int = 64) -> DistanceProfile:

@@ -54,11 +54,11 @@ class BranchAndBound(AbstractHausdorffMethod):
     True
 
     Args:
+        rtol: tolerance relative to `upper`, at least 0; by default 0. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates. The default is 1e-10 (in float32:
             64 units in the last place) of the diagonal of the joint bounding box, or the rounding error if that is
             larger. The box holds control points, vertices and the boxes of implicit surfaces: see `bounds` of each
             shape. If rounding prevents the given tolerance, the result is RESULTS.gap_not_closed.
-        rtol: tolerance relative to `upper`, at least 0; by default 0. The larger tolerance counts.
         max_steps: largest number of steps. For Hausdorff distances a step cuts four cells (implicit surfaces: 32,
             meshes: 16384); for minimum distances see `minimum_distance`.
         queue_size: initial size of the queue of open cells, at least twice the number of segments of `a`. Outside jit
@@ -67,8 +67,8 @@ class BranchAndBound(AbstractHausdorffMethod):
             cells.
     """
 
-    atol: Array | None = eqx.field(default=None, converter=optional_array("atol"))
-    rtol: Array = eqx.field(default=0.0, converter=_relative)
+    rtol: Array = eqx.field(default=0.0, converter=_relative, kw_only=True)
+    atol: Array | None = eqx.field(default=None, converter=optional_array("atol"), kw_only=True)
     max_steps: int = eqx.field(static=True, default=4000)
     queue_size: int = eqx.field(static=True, default=512)
 
