@@ -57,7 +57,7 @@ SHOWN = {
     "ImplicitSurface(polynomial of degree 4 with 15 terms, box (0, 0, 0) to (1, 1, 1))": lambda: (
         jhd.ImplicitSurface.parse("(x + y + z/3)**4 - 1/7*(x + y)**4 + 0*x", [0] * 3, [1] * 3)
     ),
-    "BranchAndBound(atol=0.001, rtol=0, max_steps=4000, queue_size=512)": lambda: jhd.BranchAndBound(atol=1e-3),
+    "BranchAndBound(rtol=0, atol=0.001, max_steps=4000, queue_size=512)": lambda: jhd.BranchAndBound(atol=1e-3),
     "PivotDistances(2 shapes from 4 points)": lambda: PivotDistances(
         np.zeros((4, 2)), np.zeros((2, 4)), np.zeros((2, 4)), np.zeros(2)
     ),
