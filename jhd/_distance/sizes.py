@@ -97,7 +97,7 @@ def surface_area(
     surface = taken_as("surface", surface)
     check_shape("surface", surface)
     if body_of(surface).dimension != 2:
-        raise TypeError(f"surface is a {type(surface).__name__}; needs a mesh or a parametric surface.")
+        raise TypeError(f"surface must be a mesh or a parametric surface; got {type(surface).__name__}.")
     if body_of(surface).lacks_area():
         return Bounds(0.0, 0.0)
     return _closed(surface, rtol, atol, max_cells, throw)
