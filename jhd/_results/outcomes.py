@@ -36,8 +36,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "start or raise max_steps."
     )
     fit_nonsmooth_stall = (
-        "No step lowers the distance, although its maxima could be lowered to first order: a foot point jumps there, "
-        "or a new maximum appears. Change the start."
+        "The gradient predicts a descent, but no step achieves it: a foot point jumps there, or a new maximum appears. "
+        "Change the start."
     )
     fit_missed_a_maximum = (
         "The certified distance exceeds all maxima that the fit used: a maximum is narrower than the sample spacing. "
@@ -55,9 +55,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "default method for bounds."
     )
     existence_not_certified = (
-        "No cell, or no relevant cell, is certified to hold a point of one of the surfaces, so a bound is missing or "
-        "wide: raise cells. If a polynomial does not change its sign, only single points at simple fractions can be "
-        "certified."
+        "Could not certify that a surface has a point in the relevant cells, so a bound is missing or wide: raise "
+        "cells. If a polynomial does not change its sign, only single points at simple fractions can be certified."
     )
     nonisolated_maxima = (
         "The bounds are true but wider than the tolerance: a whole curve or region of points is nearly as far as the "
@@ -81,8 +80,8 @@ RESULTS._index_to_message[int(RESULTS.successful._value)] = "All requested bound
 class EVENTS(eqx.Enumeration):
     """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014).
 
-    An end of a surface is its border, or a face of its box. In the names, a is the shape of the farthest point and b
-    the other one.
+    An end of a surface is its border, or a face of its box. In the names, a is the shape that carries the farthest
+    point, and b is the shape that carries its foot points.
 
     The members are a_end, corner, b_end, antipodal, one_to_two and coincident. Compare with a member, as in
     `solution.event == jhd.EVENTS.corner`; `jhd.EVENTS[solution.event]` is its sentence.
