@@ -13,7 +13,7 @@ bounds with `lower <= exact <= upper`, rounding included. The *witness* is the p
 # Which call do I need?
 
 - How far apart are two shapes at most: `hausdorff`; from one shape only: `directed_hausdorff`.
-- The smallest distance between them: `minimum_distance`.
+- The minimum distance between them: `minimum_distance`.
 - Is a distance below a limit: `hausdorff_at_most`, `minimum_at_most`.
 - Mean, root mean square and quantiles of the distance: `deviation`; as a loss: `MeanDistance`, `RMSDistance`,
   `QuantileDistance`.

@@ -6,7 +6,7 @@
 4. A maximum satisfies a few equations. They are solved to the last digits, and give the derivative of the value
    (`witness`).
 5. The search keeps cells that cover a, and cuts the cell with the largest bound. It measures points of a to raise the
-   lower bound, until both bounds meet. For the smallest distance it keeps pairs of cells (`search`).
+   lower bound, until both bounds meet. For the minimum distance it keeps pairs of cells (`search`).
 6. Published methods omit one proof or another (`published`).
 7. A result can be checked in integer arithmetic (`certificate`).
 

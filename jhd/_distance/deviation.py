@@ -89,8 +89,8 @@ def deviation(
 
     The value of `maximum` (within about the root of its gap) and the distances of `at(params)` are differentiable in
     both shapes, to first order. The mean and all bounds have no derivative: their `value` raises TypeError under
-    `jax.grad`; use `jhd.MeanDistance().estimate` there. The numbers of the shapes must be known: deviation does not
-    work under jit or vmap.
+    `jax.grad`; use `jhd.MeanDistance().estimate` there. The shapes must be concrete: deviation does not work under
+    jit or vmap.
 
     >>> import jhd
     >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))

@@ -94,7 +94,7 @@ class Deviation(AbstractSolution):
         passed to `deviation` is within its tolerance; others may be wider.
 
         Args:
-            q: a fraction, above 0 and at most 1. It counts as reached within its rounding, 2^-50 q.
+            q: a fraction, above 0 and at most 1. Rounding of q is tolerated, up to 2^-50 q.
 
         Returns:
             Bounds of the quantile, in the unit of the coordinates.

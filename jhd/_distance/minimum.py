@@ -55,8 +55,8 @@ def minimum_distance(
     grad. There, checks of values are skipped and `throw` is ignored: read `result`.
 
     If the nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap. The
-    bounds are then true but wider, with RESULTS.nonisolated_maxima. Outside jit the cost grows far more slowly if the
-    shapes stay apart: for curves, parametric surfaces, and implicit surfaces with shapes of up to 64 pieces.
+    bounds are then true but wider, with RESULTS.nonisolated_maxima. Outside jit, the cost grows far more slowly for
+    shapes that do not meet: for curves, parametric surfaces, and implicit surfaces with shapes of up to 64 pieces.
 
     Method: pairs of cells are bounded by the hulls of their control points along the line that joins them. A pair is
     discarded if the gradient of the distance excludes a minimum, and closed if the distance is convex on it.
@@ -66,8 +66,8 @@ def minimum_distance(
     - A mesh is a surface, not the solid that it may bound. For a mesh inside another one, the result is the distance of
       the surfaces.
     - Two meshes, or a mesh with points or a polyline, use a host search. It measures the relevant pairs of triangles in
-      rational arithmetic: the bounds are adjacent floats, and meshes that meet have `upper` 0. Only if very many pairs
-      are equally near does the tolerance apply. Under jit and vmap this search runs on the host on all devices.
+      rational arithmetic: the bounds are adjacent floats, and meshes that meet have `upper` 0. The tolerance applies
+      only if very many pairs are equally near. Under jit and vmap this search runs on the host on all devices.
     - Next to other shapes, triangles are handled as patches. Next to an implicit surface, the triangles that may be
       nearest are selected first, so thousands of pieces are possible. If an edge of a large mesh crosses the surface,
       `upper` is 0 up to the smallest floats.

@@ -42,7 +42,7 @@ def project(
     - At a pole of a parametric surface, an edge of a patch is one point. There derivatives of the foot point and second
       derivatives of the distance are NaN. They can also be NaN if the foot point is so near to a pole that rounding
       leaves its patch undecided: within 1e-7 of the size of the patch, or 1e-6 for points a hundred sizes away.
-      Gradients can be off by as much there.
+      There the gradient of the distance can have a relative error of up to 1e-7, or 1e-6.
 
     Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. On CPUs the
     compiled function calls the search on the host (see `inline_searches`). Surfaces are searched on the host on all

@@ -188,8 +188,9 @@ class AdaptiveDistanceField(eqx.Module):
         """Values of the field at points of shape (..., 3); differentiable in the points and in the values.
 
         Outside the box, the value is the field at the nearest point of the box plus the distance to that point. If the
-        field is exact there, this is an upper bound of the distance to the mesh, too large by at most twice the
-        distance to the box. On a face between leaves, the derivative comes from the leaf with the larger coordinates.
+        field is exact there, this is an upper bound of the distance to the mesh. It exceeds the distance by at most
+        twice the distance to the box. On a face between leaves, the derivative comes from the leaf with the larger
+        coordinates.
 
         Args:
             points: coordinates, (..., 3), in the unit of the mesh.

@@ -92,10 +92,10 @@ def minimize_hausdorff(
         seed: seed of the random starts.
         max_steps: largest number of steps from each start.
         max_seconds: wall time in seconds after which the best fit so far is returned, with the result out_of_time.
-            Running work is canceled, except for the first evaluation. The certification of the error may take a tenth
-            of the time longer, and keeps the bounds that it has reached. If less than 10 s are left, fits of curves by
-            the Hausdorff distance skip searches that are not compiled yet, and their bounds are wider. Other fits wait
-            for the compilation. None (the default) sets no limit.
+            Running work is canceled, except for the first evaluation. The certification of the error may exceed the
+            limit by a tenth, and then ends with the bounds that it has reached. If less than 10 s are left, fits of
+            curves by the Hausdorff distance skip searches that are not compiled yet, and their bounds are wider. Other
+            fits wait for the compilation. None (the default) sets no limit.
         stop_below: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
         capacity: number of local maxima used in each step, for curves. None chooses it by the number of parameters.
         method: method that certifies the error. None selects BranchAndBound().
@@ -281,8 +281,8 @@ def fit_outline(
     """Fits of all contours of an outline within a tolerance, by few segments.
 
     Pieces between joints are as long as possible while their least-squares fits stay within a multiple of the
-    tolerance. The first multiple is so large that only a minimax fit can meet the tolerance. Smaller multiples, with
-    more segments, follow until a fit meets it. A smaller number of segments is not ruled out.
+    tolerance. Minimax fits of these pieces are nearer, and may meet the tolerance. If they do not, smaller multiples
+    with more segments follow. A smaller number of segments is not ruled out.
 
     If a contour exceeds the tolerance even with `max_segments`, its `result` is `fit_tolerance_missed`, or
     `out_of_time` if the time was over. The end points of open contours are kept. A closed contour starts at a

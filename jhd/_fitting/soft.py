@@ -67,10 +67,10 @@ def soft_hausdorff(
 ) -> Array:
     """Smooth upper bound S of the Hausdorff distance H of two curves: a loss with dense gradients.
 
-    S satisfies H <= S <= H + temperature * log(64), for the certified upper bound H of the distance. S softens the
-    maximum over H and the distances at about a thousand samples of each curve, at most 256 a segment. Its gradient
-    therefore moves all control points whose distance is within a few temperatures of the maximum; the gradient of
-    `hausdorff` acts at one point only.
+    S satisfies H <= S <= H + temperature * log(64), for the certified upper bound H of the distance. S is a log-sum-exp
+    of H and the distances at about a thousand samples of each curve, at most 256 per segment. Its gradient therefore
+    moves all control points whose distance is within a few temperatures of the maximum; the gradient of `hausdorff`
+    acts at one point only.
 
     Start with a temperature of a third of the distance and lower it, so that S tends to H. The cost is one `hausdorff`
     and the feet of the samples. Works under jit, vmap and grad, for first derivatives.

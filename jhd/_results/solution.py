@@ -74,8 +74,8 @@ def in_direction(solution: Any, direction: Any) -> Any:
 class Witness(eqx.Module):
     """The point that attains a directed Hausdorff distance, with its foot points.
 
-    `direction` tells which shape carries the point. If `hausdorff` gets shapes of two kinds, `t` and `feet_params` have
-    the larger shape of both directions: a single number is repeated, and (u, v) is followed by a zero.
+    `direction` tells which shape carries the point. If `hausdorff` gets shapes of two kinds, `t` and `feet_params` are
+    padded to the longer form of both directions: a single number is repeated, and (u, v) gets a zero.
 
     Args:
         element: index of the part that carries the point: a segment of a curve, a point of a point set, a triangle of

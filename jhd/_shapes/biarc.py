@@ -109,7 +109,7 @@ class BiarcCurve(eqx.Module):
     def _parts(self) -> tuple[Any, Any, Any, Any, Any]:
         """The array module, and bulge, middle of the chord, chord, and length of the chord (one if it is zero).
 
-        The module is NumPy for known arcs: JAX would compile each operation for each number of arcs.
+        The module is NumPy for concrete arcs: JAX would compile each operation for each number of arcs.
         """
         xp = jnp if is_traced(self) else np
         start, end, b = xp.asarray(self.start), xp.asarray(self.end), xp.asarray(self.bulge)[..., None]

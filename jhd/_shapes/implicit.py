@@ -47,8 +47,8 @@ class ImplicitSurface(eqx.Module):
         coefficients: (i, j, k) real numbers; entry [i, j, k] is the coefficient of x^i y^j z^k.
         lower: (3,) smallest coordinates of the box, in any unit of length, or one number for all axes.
         upper: (3,) largest coordinates of the box, in the same unit, or one number for all axes.
-        reduced: None (the default) looks for repeated factors. True or False means that there are none left, and
-            records whether some were removed before.
+        reduced: None (the default) removes repeated factors. Pass True or False only if none are left: True if some
+            were removed before.
 
     Raises:
         ValueError: wrong shapes, NaN or infinity, a box that is reversed or has no volume, the zero polynomial, or a

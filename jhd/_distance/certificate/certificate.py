@@ -118,7 +118,8 @@ class Certificate:
     def to_json(self) -> str:
         """The certificate as JSON Lines: an object with the numbers of cells, then one line for each cell.
 
-        `jhd.io.load_certificate` reads a file of it; floats are read back unchanged. `content` is the dictionary.
+        `jhd.io.load_certificate` reads a file with this text and restores all floats exactly. `content` is the
+        certificate as a dictionary.
         """
         return "".join(lines_of(self.content))
 

@@ -72,10 +72,11 @@ class CubeIntervals(AbstractHausdorffMethod):
         cells: number of cells along each axis of each box, up to 2^20. The paper's 1/64 of the side is 64.
         rule: "safe" or "paper", as above.
         pairs: "separable" takes the minima axis by axis if both surfaces have the same cubic box and at most 256 cells.
-            "tiles" compares all pairs of cells, as do all other cases.
-        ends: how step 4 of the source finds the interval of two cells. "cells" bounds all their points by interval
-            arithmetic. "vertices" uses the 64 distances between their vertices, for rule="paper" only: its left end can
-            exceed the least distance if cells of different grids overlap. On one grid both are the same.
+            "tiles" compares all pairs of cells; "separable" does the same in all other cases.
+        ends: how the interval of the distances between two cells is found (step 4 of the source). "cells" bounds the
+            distances of all their points by interval arithmetic. "vertices" uses the 64 distances between their
+            vertices, for rule="paper" only. Its lower end can exceed the minimum distance if cells of different grids
+            overlap. On one grid both give the same interval.
 
     Raises:
         TypeError: `cells` is not a whole number.

@@ -76,9 +76,9 @@ class BiarcTrimming(AbstractHostMethod):
 
     `value`, `lower` and the counts in `stats` are as in AlgebraicEvents. `stats` also counts `arcs` of both curves,
     `trimmed` (the fraction of the parameters of a that was removed) and remaining `pieces`. `upper` is the bound by
-    which pieces are trimmed. It is certified whatever the solver does, and exceeds the value by a few deviations of the
-    arcs, so a finer `deviation` lowers it. It is not proven that the value itself is the maximum. The result is
-    gap_not_closed if the events on the remaining pieces stay below a measured distance: then one was missed.
+    which pieces are trimmed. It is certified even if the solver misses events. It exceeds the value by a few deviations
+    of the arcs; a finer `deviation` lowers it. It is not proven that the value itself is the maximum. If all events on
+    the remaining pieces stay below a measured distance, an event was missed, and the result is gap_not_closed.
 
     Use it as `jhd.directed_hausdorff(a, b, jhd.published.BiarcTrimming())`.
 

@@ -301,8 +301,8 @@ class QuantileDistance(AbstractStatistic):
     given a number of `nodes`, it approximates the quantile, with a relative error of up to a few hundredths.
 
     Args:
-        q: a fraction, above 0 and at most 1: 0.5 is the median, 1 the largest distance. It counts as reached within its
-            rounding: nine of ten points are a fraction of 0.9.
+        q: a fraction, above 0 and at most 1: 0.5 is the median, 1 the largest distance. Rounding of q is
+            tolerated: 9 of 10 points reach q = 0.9.
         directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
         weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
     """
