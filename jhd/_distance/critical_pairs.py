@@ -31,7 +31,10 @@ def critical_pairs(a: ShapeLike, b: ShapeLike, capacity: int = 16) -> CriticalPa
     bound of `hausdorff`. The other entries are not certified to be complete. Every value is the distance from a point
     of one curve to the other curve. Works under jit and vmap.
 
-    For example, `found = jhd.critical_pairs(a, b)`; the maxima are then `found.value[found.valid]`.
+    >>> import jhd
+    >>> found = jhd.critical_pairs(jhd.polyline([(0, 0), (5, 0)]), jhd.polyline([(0, 0), (4.5, 6)]))
+    >>> found.value[found.valid].round(9).tolist()
+    [6.0, 4.0]
 
     Args:
         a: a curve, or an object that `jhd.as_shape` accepts.
