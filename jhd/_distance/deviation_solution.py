@@ -93,6 +93,12 @@ class Deviation(AbstractSolution):
         The 0.5 quantile is the median. The 0.9 quantile ignores up to 10 % of outliers. Only the quantile that was
         passed to `deviation` is within its tolerance; others may be wider.
 
+        >>> import jhd
+        >>> line, origin = jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)])
+        >>> median = jhd.deviation(line, origin, quantile=0.5).quantile(0.5)
+        >>> median.lower <= 0.5 <= median.upper, median.upper - median.lower < 1e-3
+        (True, True)
+
         Args:
             q: a fraction, above 0 and at most 1. Rounding of q is tolerated, up to 2^-50 q.
 
@@ -111,6 +117,11 @@ class Deviation(AbstractSolution):
 
         No tolerance applies to them; a smaller tolerance of the deviation narrows them.
 
+        >>> import jhd
+        >>> scan, model = jhd.point_set([(0, 0), (1, 0), (2, 0), (3, 8)]), jhd.polyline([(0, 0), (3, 0)])
+        >>> round(jhd.deviation(scan, model).fraction_within(1.0).value, 6)
+        0.75
+
         Args:
             threshold: a length of at least 0, in the unit of the coordinates.
 
@@ -126,6 +137,11 @@ class Deviation(AbstractSolution):
 
     def at(self, params: Numbers | None = None) -> Projection:
         """Distances from given points of `a` to `b`, with bounds and foot points; differentiable like `project`.
+
+        >>> import jhd
+        >>> line, origin = jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)])
+        >>> jhd.deviation(line, origin).at([0.5, 1.0]).distance.round(6).tolist()
+        [0.5, 1.0]
 
         Args:
             params: for a curve its parameters (...,), as in a call of the curve; for a parametric surface rows (..., 2)

@@ -49,13 +49,6 @@ class AdaptiveDistanceField(eqx.Module):
     In mode "band" the field is refined near the surface and coarse elsewhere. If the mesh is closed, every leaf that
     misses the surface has all corners on one side, so the sign is correct there. Mode "full" refines everywhere.
 
-    >>> import jhd
-    >>> corners = [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]
-    >>> mesh = jhd.TriangleMesh(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-    >>> field = jhd.AdaptiveDistanceField.build(mesh, tolerance=0.5)
-    >>> abs(float(field([0.0, 0.0, 0.0])) + 3**-0.5) < 0.5
-    True
-
     Args:
         lower: lower corner of the box, which has a margin around the mesh.
         spacing: side of the finest cells. The box has `roots.shape << depth` finest cells along each axis.
@@ -115,6 +108,12 @@ class AdaptiveDistanceField(eqx.Module):
         error of a quarter of the tolerance. Closed ones are oriented outward. The sign of a point is then its side of
         this mesh.
 
+        >>> import jhd
+        >>> sphere = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", -2, 2)
+        >>> field = jhd.AdaptiveDistanceField.build(sphere, tolerance=0.1)
+        >>> field.unresolved, abs(float(field([0.9, 0, 0])) + 0.1) < 0.1
+        (0, True)
+
         Args:
             mesh: mesh, parametric or implicit surface, or an object that jhd.as_shape converts to one.
             tolerance: tolerance, positive, in the unit of the mesh.
@@ -125,8 +124,7 @@ class AdaptiveDistanceField(eqx.Module):
                 at the surface, so cells there are about 2 tolerance wide.
             max_depth: largest number of halvings of the cells of the first grid, 0 to 15. The first grid has 9 to 16
                 cells along the longest side of the box.
-            max_cells: number of cells beyond which no cell is split. A million cells take 1.3 GB during the
-                construction.
+            max_cells: number of cells beyond which no cell is split. Building a million cells takes 1.3 GB.
             progress: callback that receives a Progress after each level.
             method: None computes exact distances. jhd.published.VertexVoxels(transform="vector_propagation") with
                 mode="full" gives algorithm 1 of Lin & Wang (2003) as published. It starts from one cube around the
@@ -188,9 +186,8 @@ class AdaptiveDistanceField(eqx.Module):
         """Values of the field at points of shape (..., 3); differentiable in the points and in the values.
 
         Outside the box, the value is the field at the nearest point of the box plus the distance to that point. If the
-        field is exact there, this is an upper bound of the distance to the mesh. It exceeds the distance by at most
-        twice the distance to the box. On a face between leaves, the derivative comes from the leaf with the larger
-        coordinates.
+        field is exact there, this exceeds the distance to the mesh by zero to two times the distance to the box. On a
+        face between leaves, the derivative comes from the leaf with the larger coordinates.
 
         Args:
             points: coordinates, (..., 3), in the unit of the mesh.
@@ -213,6 +210,11 @@ class AdaptiveDistanceField(eqx.Module):
         """Zero set of the field as a mesh, by marching cubes; closed if the field was built from a closed mesh.
 
         Parts thinner than a cell of the marching-cubes grid may be lost, regardless of the accuracy of the field.
+
+        >>> import jhd
+        >>> sphere = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", -2, 2)
+        >>> jhd.AdaptiveDistanceField.build(sphere, tolerance=0.1).to_mesh(16).is_closed
+        True
 
         Args:
             resolution: number of grid cells along the longest side of the box, 2 to 4096. Time and memory grow with its
@@ -338,11 +340,7 @@ class AdaptiveDistanceField(eqx.Module):
             raise ValueError(f"{path}: {str(error)[:200]}") from error
 
     def _times(self, power: int) -> "AdaptiveDistanceField":
-        """The field with all lengths multiplied by 2^power.
-
-        Raises:
-            ValueError: it exceeds the range of floats: the sizes of the field and of the mesh do not match.
-        """
+        """The field with all lengths multiplied by 2^power; ValueError if they exceed the range of floats."""
         lengths = lambda f: (f.lower, f.spacing, f.values, f.tolerance)  # noqa: E731
         scaled = [_scaled(np.asarray(x), power) for x in lengths(self)]
         if not all(np.isfinite(x).all() for x in scaled[:3]):

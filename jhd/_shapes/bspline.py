@@ -145,6 +145,12 @@ class BSplineCurve(AbstractCurve):
         A spline with extrapolate="periodic" becomes periodic if its knots and coefficients repeat. If they do not,
         SciPy wraps only the parameter, and the curve is returned as an open spline.
 
+        >>> import jhd
+        >>> from scipy.interpolate import make_interp_spline
+        >>> spline = make_interp_spline([0, 1, 2, 3], [(0, 0), (1, 1), (2, 0), (3, 1)])
+        >>> jhd.BSplineCurve.from_scipy(spline)(1.0).round(6).tolist()
+        [1.0, 1.0]
+
         Args:
             spline: an object with t (knots), c (coefficients (points, 2) or (points, 3)) and k (degree).
 

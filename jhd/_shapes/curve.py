@@ -126,8 +126,7 @@ class AbstractCurve(eqx.Module):
         """Polynomial cubics that approximate the curve within `tolerance`, with the ends and tangents of its parts.
 
         The number of cubics grows like (1 / tolerance)^(1/4), and like (1 / tolerance)^(1/6) for arcs of circles and
-        ellipses. Polynomial segments of degree 3 or less are elevated, which is exact except for rounding; `deviation`
-        includes this rounding.
+        ellipses. Polynomial segments of degree 3 or less are elevated; `deviation` includes the rounding.
 
         >>> import jhd
         >>> found = jhd.circle([0, 0], 1).to_cubics(1e-4)
@@ -155,10 +154,7 @@ class AbstractCurve(eqx.Module):
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper corner of the bounding box of the control points.
-
-        The weights are positive, so the curve lies inside.
-        """
+        """Lower and upper corner of the bounding box of the control points; the curve lies inside."""
         (control_points,) = on_host(self.segments().control_points)
         low, high = control_points.min(axis=(-3, -2)), control_points.max(axis=(-3, -2))
         return array_of(low), array_of(high)
@@ -167,8 +163,7 @@ class AbstractCurve(eqx.Module):
 class BezierSegments(AbstractCurve):
     """A union of polynomial or rational Bezier segments of one degree, in the plane or in space.
 
-    Ends that meet are stored twice, once in each segment. A step of an optimizer on the segments would tear them apart:
-    build both copies from one array.
+    Ends that meet are stored twice. An optimizer of the segments would tear them apart: build both from one array.
 
     >>> import jax.numpy as jnp
     >>> import jhd
@@ -186,8 +181,7 @@ class BezierSegments(AbstractCurve):
         weights: (segments, points) positive weights; None means polynomial segments.
         next_segment: (segments,) integers: for each segment the index of the segment that starts at its end, or -1 at a
             free end. By default two ends are joined if they agree within 8 ulp of the largest coordinate; the next
-            segment is preferred. The indices are stored as floats with zero derivative, so that jax.grad and optimizers
-            accept curves.
+            segment is preferred. Stored as floats with zero derivative, which jax.grad and optimizers accept.
 
     Raises:
         ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity; weights that are not
@@ -251,9 +245,13 @@ class BezierSegments(AbstractCurve):
 
         Open contours stay open. CLOSEPOLY adds the closing line unless it has length zero.
 
+        >>> import jhd
+        >>> from matplotlib.path import Path
+        >>> jhd.BezierSegments.from_path(Path([(0, 0), (1, 2), (2, 0)], [1, 3, 3]))(0.5).tolist()
+        [1.0, 1.0]
+
         Args:
-            path: a matplotlib Path, or any object with `vertices` and `codes`; if `codes` is None, the vertices form
-                one polyline.
+            path: a matplotlib Path, or any object with `vertices` and `codes`; None as codes means one polyline.
 
         Returns:
             One segment for each line or curve of the path; ends that meet are joined.
@@ -268,6 +266,11 @@ class BezierSegments(AbstractCurve):
     @staticmethod
     def from_shapely(geometry: ShapelyGeometry) -> "BezierSegments":
         """The points and lines of a shapely geometry; a polygon gives its boundary rings, not its interior.
+
+        >>> import jhd
+        >>> import shapely
+        >>> jhd.BezierSegments.from_shapely(shapely.box(0, 0, 2, 1)).next_segment.tolist()
+        [1, 2, 3, 0]
 
         Args:
             geometry: a shapely geometry of any type. z coordinates are kept; measures (m) are dropped.
@@ -292,10 +295,7 @@ class BezierSegments(AbstractCurve):
         return evaluate(self.control_points, self.weights, jnp.asarray(segment), real_array("t", t))
 
     def __call__(self, t: Numbers) -> Array:
-        """Points at global parameters t from 0 to the number of segments: shape (*t.shape, dim).
-
-        Segment k covers the parameters [k, k + 1].
-        """
+        """Points at global parameters t, which are in [k, k + 1] on segment k: shape (*t.shape, dim)."""
         (t,) = on_host(real_array("t", t))
         xp = module_of(t)
         segment = xp.clip(xp.floor(t), 0, self.count - 1)

@@ -57,6 +57,11 @@ class TriangleMesh(eqx.Module):
     def from_object(cls, mesh: "TriangleMesh | HasVertices") -> "TriangleMesh":
         """The mesh of an object of another library.
 
+        >>> import jhd
+        >>> import trimesh
+        >>> jhd.TriangleMesh.from_object(trimesh.creation.box()).count
+        12
+
         Args:
             mesh: a TriangleMesh, which is returned unchanged, or an object with `vertices` and either `faces` (for
                 example of trimesh) or `triangles`.

@@ -254,6 +254,12 @@ class MeanDistance(AbstractStatistic):
 
     Call it as `jhd.MeanDistance()(a, b)`, or as `jhd.MeanDistance().estimate(a, b)` in a loss.
 
+    >>> import jhd
+    >>> scan, model = jhd.point_set([(0, 0), (1, 0), (2, 0), (3, 8)]), jhd.polyline([(0, 0), (3, 0)])
+    >>> mean = jhd.MeanDistance(directed=True)
+    >>> round(float(mean(scan, model)), 6), round(float(mean.estimate(scan, model)), 6)
+    (2.0, 2.0)
+
     Args:
         directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
         weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
@@ -299,6 +305,12 @@ class QuantileDistance(AbstractStatistic):
     This is the partial Hausdorff distance; call it as `jhd.QuantileDistance(0.9)(a, b)`. The derivative is taken at the
     points whose distance equals the quantile (or on the region, if a whole region has this distance). If an estimate is
     given a number of `nodes`, it approximates the quantile, with a relative error of up to a few hundredths.
+
+    >>> import jhd
+    >>> scan, model = jhd.point_set([(0, 0), (1, 0), (2, 0), (3, 8)]), jhd.polyline([(0, 0), (3, 0)])
+    >>> statistics = jhd.QuantileDistance(0.75, directed=True), jhd.MaxDistance(directed=True)
+    >>> [round(float(statistic(scan, model)), 6) for statistic in statistics]
+    [0.0, 8.0]
 
     Args:
         q: a fraction, above 0 and at most 1: 0.5 is the median, 1 the largest distance. Rounding of q is
