@@ -81,6 +81,9 @@ class BezierCurve(AbstractCurve):
         Args:
             t: a number strictly between 0 and 1; may be traced.
 
+        Returns:
+            Two curves of the same degree.
+
         Raises:
             ValueError: t is outside this range.
         """
@@ -94,6 +97,9 @@ class BezierCurve(AbstractCurve):
             t0: parameter of the start, from 0 to 1; may be traced.
             t1: parameter of the end, from 0 to 1; may be traced. If t1 < t0, the part is reversed.
 
+        Returns:
+            A curve of the same degree; two equal parameters give a single point.
+
         Raises:
             ValueError: a parameter outside [0, 1].
         """
@@ -105,6 +111,9 @@ class BezierCurve(AbstractCurve):
 
         Args:
             degree: new degree, at least the current degree.
+
+        Returns:
+            A curve with the same parameters, equal up to rounding.
 
         Raises:
             ValueError: `degree` is below the degree of the curve.

@@ -290,7 +290,7 @@ class BSplineCurve(AbstractCurve):
         return self._from_pieces(*cartesian(raised, weights is not None), self._breaks())
 
     def split(self, t: Numbers) -> tuple["BSplineCurve", "BSplineCurve"]:
-        """The two parts of the curve, before and after t; both are open, and clamped at the cut.
+        """The two parts of the curve, before and after t, with the same parameters; open, and clamped at the cut.
 
         Args:
             t: a parameter strictly inside the domain.
@@ -307,7 +307,7 @@ class BSplineCurve(AbstractCurve):
         return self._open(*before), self._open(*after)
 
     def insert_knot(self, t: Numbers) -> "BSplineCurve":
-        """The same curve with one more knot at t and one more control point.
+        """The same curve with one more knot at t and one more control point; periodic if this curve is.
 
         Args:
             t: a parameter strictly inside the domain; may be traced.

@@ -153,6 +153,9 @@ class BSplineSurface(AbstractPatch):
             v0: first parameter in v, inside the domain.
             v1: last parameter in v, inside the domain and above v0.
 
+        Returns:
+            A surface with the domain [u0, u1] x [v0, v1].
+
         Raises:
             ValueError: a parameter outside the domain, or a first parameter that is not below the last.
             TypeError: knots or parameters are traced; the numbers of control points depend on them.

@@ -82,7 +82,7 @@ class AbstractCurve(eqx.Module):
         return self.control_points.shape[-1]
 
     def transform(self: SomeCurve, matrix: Numbers, offset: Numbers = 0.0) -> SomeCurve:
-        """The image under x -> matrix x + offset; differentiable in both. Joints are kept.
+        """The image under x -> matrix x + offset, of the same class; differentiable in both. Joints are kept.
 
         Args:
             matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
@@ -339,7 +339,7 @@ class BezierSegments(AbstractCurve):
         return BezierSegments(control_points, weights, completed(next_segment, control_points))
 
     def restrict(self, t0: Numbers, t1: Numbers) -> "BezierSegments":
-        """The part of every segment over the local parameters [t0, t1].
+        """The part of every segment over the local parameters [t0, t1]; ends that agree are joined.
 
         Args:
             t0: local parameter of the start, from 0 to 1; a scalar, or one value per segment.

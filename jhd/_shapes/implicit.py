@@ -176,6 +176,9 @@ class ImplicitSurface(eqx.Module):
             matrix: (3, 3) invertible matrix. If it mixes axes, the degree in each variable rises to the total degree.
             offset: (3,) translation in the unit of the coordinates, or one number for all axes.
 
+        Returns:
+            The surface of the new polynomial in the new box.
+
         Raises:
             ValueError: wrong shapes, NaN or infinity, or a singular matrix.
         """

@@ -211,6 +211,9 @@ class TriangleMesh(eqx.Module):
             matrix: (3, 3) real numbers.
             offset: (3,) translation in the unit of the coordinates, or one number for all axes.
 
+        Returns:
+            A mesh with the same numbers of vertices and triangles, in their order.
+
         Raises:
             ValueError: wrong shapes, NaN or infinity.
         """

@@ -146,10 +146,7 @@ class AbstractPatch(eqx.Module):
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper corner of the bounding box of the control points.
-
-        The weights are positive, so the surface lies inside.
-        """
+        """Lower and upper corner of the bounding box of the control points; the surface lies inside."""
         control_points = self.patches().control_points
         return jnp.min(control_points, axis=(-4, -3, -2)), jnp.max(control_points, axis=(-4, -3, -2))
 
@@ -159,12 +156,15 @@ class AbstractPatch(eqx.Module):
         Args:
             u: first parameters.
             v: second parameters; broadcast against `u`.
+
+        Returns:
+            A Partials: points and derivatives, each of shape (*batch, 3).
         """
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
         return Partials(*_partials(self, u, v))
 
     def transform(self: SomePatch, matrix: Numbers, offset: Numbers = 0.0) -> SomePatch:
-        """The image under x -> matrix x + offset; differentiable in both.
+        """The image under x -> matrix x + offset, of the same class; differentiable in both.
 
         Args:
             matrix: (3, 3) real numbers.
@@ -264,6 +264,9 @@ class BezierPatch(AbstractPatch):
         Args:
             t: parameter of the cut, strictly between 0 and 1; may be traced.
             axis: 0 cuts at u = t, 1 cuts at v = t.
+
+        Returns:
+            Two patches of the same degrees.
 
         Raises:
             ValueError: t is outside this range, or `axis` is not 0 or 1.
