@@ -156,7 +156,7 @@ SLIPS: dict[str, tuple[Any, str]] = {
         lambda: cast(Any, jhd.TriangleMesh)(MESH),
         r"TriangleMesh\(\) needs 2 arguments, got one: .*as_shape",
     ),
-    "scipy": (lambda: jhd.io.to_scipy(cast(Any, MESH)), "shape is a TriangleMesh; SciPy's splines are curves"),
+    "scipy": (lambda: jhd.io.to_scipy(cast(Any, MESH)), "shape must be a curve or a parametric surface; got"),
     "svg": (lambda: jhd.io.save_svg(None, cast(Any, MESH)), "must be a curve .* got TriangleMesh"),
     "saved": (lambda: jhd.io.save_curve("none.svg", cast(Any, MESH)), "curve must be a curve .* got TriangleMesh"),
     "neighbors": (

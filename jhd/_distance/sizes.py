@@ -106,7 +106,7 @@ def surface_area(
 def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bounds:
     """Return bounds of the length or area of a shape, cutting cells until they meet a tolerance."""
     if is_traced(shape):
-        raise TypeError("the shape is traced; its cells depend on its numbers, so these must be known.")
+        raise TypeError("the shape is traced; its cells depend on its numbers, so these must be concrete.")
     given, relative = None if atol is None else real_array("atol", atol), real_array("rtol", rtol)
     check_scalar("rtol", relative)
     check_scalar("atol", given)

@@ -357,7 +357,7 @@ class AdaptiveDistanceField(eqx.Module):
 
     def _known(self) -> "AdaptiveDistanceField":
         if is_traced(self):
-            raise TypeError("the field is traced; needs known numbers here, as the cells depend on them.")
+            raise TypeError("the field is traced; needs concrete numbers here, as the cells depend on them.")
         return self
 
     def _numbers(self, points: np.ndarray) -> np.ndarray:
@@ -438,7 +438,7 @@ def _surface(name: str, mesh: Any, sign: str = "winding", method: HasSearch | No
     """The mesh prepared in a unit of its own, and the power of two of this unit."""
     check_mesh(name, mesh)
     if is_traced(mesh):
-        raise TypeError(f"{name} is traced; needs known numbers, as the cells depend on them.")
+        raise TypeError(f"{name} is traced; needs concrete numbers, as the cells depend on them.")
     unit, power = in_unit(mesh)
     return surface_of(unit, sign, None if method is None else method._search), power
 

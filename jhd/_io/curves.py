@@ -54,7 +54,7 @@ def curve_to_dict(curve: AbstractCurve) -> dict[str, object]:
     check_curve("curve", curve)
     name = type(curve).__name__
     if name not in CURVE_KINDS:
-        raise TypeError(f"curve is a {name}; files hold {', '.join(list(CURVE_KINDS)[:3])}.")
+        raise TypeError(f"files of curves hold {', '.join(list(CURVE_KINDS)[:3])}; got {name}.")
     return described(curve, CURVE_KINDS[name])
 
 

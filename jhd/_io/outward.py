@@ -47,7 +47,7 @@ def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False)
     from scipy.interpolate import BSpline, NdBSpline
 
     if not isinstance(shape, AbstractCurve | AbstractPatch):
-        raise TypeError(f"shape is a {type(shape).__name__}; SciPy's splines are curves and parametric surfaces.")
+        raise TypeError(f"shape must be a curve or a parametric surface; got {type(shape).__name__}.")
     if shape.weights is not None and not homogeneous:
         raise ValueError(
             "the shape is rational, and SciPy's splines have no weights; pass homogeneous=True to append them."
@@ -74,7 +74,8 @@ def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False)
 
 def _segment_rows(shape: AbstractCurve, points: np.ndarray) -> np.ndarray:
     if not isinstance(shape, BezierSegments):
-        raise TypeError(f"shape is a {type(shape).__name__}; pass its segments() instead.")
+        kinds = "a BSplineCurve, a BezierCurve or BezierSegments"
+        raise TypeError(f"shape must be {kinds}; got {type(shape).__name__}: pass its segments().")
     return points
 
 
@@ -83,7 +84,7 @@ def _surface_knots(surface: AbstractPatch) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(surface, BSplineSurface):
         return np.asarray(surface.knots_u, np.float64), np.asarray(surface.knots_v, np.float64)
     if not isinstance(surface, BezierPatch):
-        raise TypeError(f"surface is a {type(surface).__name__}; needs a BSplineSurface or a BezierPatch.")
+        raise TypeError(f"surface must be a BSplineSurface or a BezierPatch; got {type(surface).__name__}.")
     p, q = surface.degrees
     return np.repeat([0.0, 1.0], p + 1), np.repeat([0.0, 1.0], q + 1)
 

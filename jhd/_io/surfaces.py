@@ -45,7 +45,7 @@ def surface_to_dict(surface: AbstractPatch) -> dict[str, object]:
     """
     name = type(surface).__name__
     if name not in SURFACE_KINDS:
-        raise TypeError(f"surface is a {name}; files hold {', '.join(SURFACE_KINDS)}.")
+        raise TypeError(f"files of surfaces hold {', '.join(SURFACE_KINDS)}; got {name}.")
     return described(surface, SURFACE_KINDS[name])
 
 

@@ -200,7 +200,7 @@ def _checked(curve: Any) -> BezierSegments:
     check_curve("curve", curve)
     segments = curve.segments()
     if is_traced(segments):
-        raise TypeError("biarcs needs known control points, not traced ones: the number of arcs depends on them.")
+        raise TypeError("biarcs needs concrete control points, not traced ones: the number of arcs depends on them.")
     if segments.dim != 2:
         raise ValueError(f"curve has {segments.dim} coordinates a point; biarcs needs 2.")
     return segments

@@ -91,7 +91,7 @@ def prepare(shape: ShapeLike) -> Prepared:
     shape = taken_as("shape", shape)
     check_shape("shape", shape)
     if is_traced(shape):
-        raise TypeError("shape is traced; prepare needs known numbers: call it outside of jit, vmap and grad.")
+        raise TypeError("shape is traced; prepare needs concrete numbers: call it outside of jit, vmap and grad.")
     # Inside compiled functions, operations on known numbers would be traced otherwise.
     with eval_context():
         return prepared(working(shape))

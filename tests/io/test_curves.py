@@ -174,5 +174,5 @@ def test_only_curves_are_written():
         pass
 
     strange: AbstractCurve = Strange([[0, 0]], None)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(TypeError, match="curve is a Strange; files hold BezierCurve, BSplineCurve, BezierSegments"):
+    with pytest.raises(TypeError, match="files of curves hold BezierCurve, BSplineCurve, BezierSegments; got Strange"):
         curve_to_dict(strange)

@@ -60,7 +60,7 @@ def test_a_character_that_ends_texts_is_refused(tmp_path):
 def test_without_shapely_the_extra_is_named(name, tmp_path, monkeypatch):
     (tmp_path / name).write_text(TEXTS[0] if name == "a.wkt" else json.dumps(GEOMETRIES[0]), encoding="utf-8")
     monkeypatch.setitem(sys.modules, "shapely", None)
-    with pytest.raises(ImportError, match=rf"{name}: .* needs shapely: pip install jhd\[geometry\]$"):
+    with pytest.raises(ImportError, match=rf"{name}: .* needs shapely: pip install jhd\[geometry\]\.$"):
         jhd.io.load_shape(tmp_path / name)
     with pytest.raises(FileNotFoundError, match=rf"no-{name}: no such file\.$"):
         jhd.io.load_shape(tmp_path / f"no-{name}")

@@ -49,7 +49,7 @@ def test_rational_shapes_go_to_scipy_in_homogeneous_form_alone():
     np.testing.assert_allclose(np.linalg.norm(h[:, :2] / h[:, 2:] - [1, 2], axis=1), 3, rtol=1e-15)
     line = jhd.io.to_scipy(jhd.polyline([[0, 0], [1, 2]]), homogeneous=True)
     np.testing.assert_array_equal(line(0.5), [0.5, 1, 1])
-    with pytest.raises(TypeError, match="BezierPatches; needs a BSplineSurface or a BezierPatch"):
+    with pytest.raises(TypeError, match="must be a BSplineSurface or a BezierPatch; got BezierPatches"):
         jhd.io.to_scipy(jhd.BezierPatches(np.zeros((2, 2, 2, 3))))
 
 
@@ -138,5 +138,5 @@ def test_what_paths_cannot_hold_is_drawn_by_cubics_within_atol():
 
 def test_a_package_that_is_missing_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "shapely", None)
-    with pytest.raises(ImportError, match="to_shapely needs shapely: pip install shapely"):
+    with pytest.raises(ImportError, match=r"to_shapely needs shapely: pip install jhd\[geometry\]"):
         jhd.io.to_shapely(jhd.polyline([[0, 0], [1, 1]]))

@@ -111,5 +111,5 @@ def test_what_json_cannot_hold_is_refused(tmp_path, text, message):
 
 def test_only_parametric_surfaces_are_written():
     curve: Any = BezierCurve([[0, 0], [1, 2]])
-    with pytest.raises(TypeError, match="surface is a BezierCurve; files hold BezierPatch|^Type-check error"):
+    with pytest.raises(TypeError, match="files of surfaces hold BezierPatch.*; got BezierCurve|^Type-check error"):
         surface_to_dict(curve)

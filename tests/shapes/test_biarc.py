@@ -360,7 +360,7 @@ def test_what_cannot_be_approximated_is_refused(as_a_user):
             biarcs(curve, tolerance)
     with pytest.raises(ValueError, match="tolerance has shape"):
         biarcs(curve, [1e-3, 1e-3])
-    with pytest.raises(TypeError, match="known control points"):
+    with pytest.raises(TypeError, match="concrete control points"):
         jax.jit(lambda p: biarcs(BezierSegments(p), 1e-3).start)(CUBIC)
     with pytest.raises(TypeError, match="known tolerance"):
         jax.jit(lambda x: biarcs(curve, x).start)(1e-3)

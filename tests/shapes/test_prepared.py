@@ -88,7 +88,7 @@ def test_known_shapes_are_prepared_in_compiled_functions_and_traced_ones_are_ref
     curve = jhd.BSplineCurve.uniform([(0, 0), (2, 0), (1, 2)], periodic=True)
     held = jhd.prepare(curve)
     jax.jit(lambda x: (x, assert_is(jhd.prepare(curve), held))[0])(1.0)
-    with pytest.raises(TypeError, match="shape is traced; prepare needs known numbers"):
+    with pytest.raises(TypeError, match="shape is traced; prepare needs concrete numbers"):
         jax.jit(jhd.prepare)(curve)
 
 

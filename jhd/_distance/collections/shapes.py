@@ -33,7 +33,7 @@ class Collection:
         if not self.shapes:
             raise ValueError(f"{name} is empty; needs at least one shape.")
         if is_tracing(self.shapes):
-            raise TypeError(f"{name} must be known shapes: collections are searched from the host, not under jit.")
+            raise TypeError(f"{name} must be concrete shapes: collections are searched from the host, not under jit.")
         self.dim = self.shapes[0].dim
         for k, shape in enumerate(self.shapes):
             if shape.dim != self.dim:

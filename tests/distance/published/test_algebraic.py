@@ -358,7 +358,7 @@ def test_what_the_systems_are_not_made_for_is_refused(method):
     with pytest.raises(TypeError, match="plane"):
         in_space = jhd.polyline([[0, 0, 0], [1, 0, 1]])
         jhd.directed_hausdorff(in_space, in_space, method)
-    with pytest.raises(TypeError, match="known control points"):
+    with pytest.raises(TypeError, match="concrete control points"):
         jax.jit(lambda x: jhd.directed_hausdorff(jhd.BezierSegments(x), line, method).value)(line.control_points)
 
 

@@ -17,7 +17,7 @@ def check_served(method: str, a: BezierSegments, b: BezierSegments) -> None:
     """Raise TypeError, naming the methods that serve, for curves that the systems do not support."""
     others = "BranchAndBound() and TwoStep() serve it."
     if is_traced(a, b):
-        raise TypeError(f"{method} needs known control points, not traced ones; under jit {others}")
+        raise TypeError(f"{method} needs concrete control points, not traced ones; under jit {others}")
     if a.dim != 2:
         raise TypeError(f"{method} needs curves in the plane; these have {a.dim} coordinates a point. {others}")
     for curve in (a, b):
