@@ -73,7 +73,7 @@ def _draw_widths(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.yaxis.set_major_locator(LogLocator(numticks=9))
     ax.set(xlabel="time (s)", ylabel="half width of the interval")
     ax.legend(loc="center right", borderaxespad=0.1)
-    letter(ax, "a", "proof against time, one core")
+    letter(ax, "a", "width against time, one core")
 
 
 def _draw_intervals(ax: Axes, numbers: dict[str, Any]) -> None:
@@ -114,7 +114,7 @@ def _draw_kept(ax: Axes, levels: dict[str, Any]) -> None:
 
 
 def _draw_rates(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Plot pairs of cells a second of the published rule, and the paper's if its number of cells was run."""
+    """Plot pairs of cells per second of the published rule, and the paper's if its number of cells was run."""
     found = _by_rule(numbers, "paper")
     same = [x for x in found if x["cells"] == numbers["paper"]["cells"]]
     shown = same or found[-1:]
@@ -128,7 +128,7 @@ def _draw_rates(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_yscale("log")
     ax.set_ylim(1, 1e12)
     ax.set_xticks(range(len(bars)), [bar[0] for bar in bars])
-    ax.set_ylabel("pairs of cells a second")
+    ax.set_ylabel("pairs of cells per second")
     letter(ax, "d", f"{_power(pairs)} pairs, finding the cells included")
 
 

@@ -109,8 +109,8 @@ def _draw_times(ax: Axes, cases: list[dict[str, Any]]) -> None:
         ax.plot(*values, linestyle="none", markersize=size, markeredgewidth=0.6, label=label, **_hollow(name))
     ax.axhline(1.0, color=BLUE, linewidth=1.0, zorder=0)
     ax.set_xscale("log")
-    ax.set_xlabel("time of the run shown, compiled (s)")
-    letter(ax, "b", "against time")
+    ax.set_xlabel("time (s)")
+    letter(ax, "b", "time of the run shown, compiled")
 
 
 def _draw_shapes(ax: Axes, target: Any, case: dict[str, Any], example: dict[str, Any]) -> None:

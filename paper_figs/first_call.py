@@ -53,7 +53,7 @@ def _figure(entries: dict[str, Any]) -> Figure:
         labels = [way if k else f"{name}, {way}" for name in entries for k, way in enumerate(_WAYS.values())]
         ax.set_yticks(places, labels)
         ax.invert_yaxis()
-        ax.set_xlabel("CPU time after the import (s)")
+        ax.set_xlabel("CPU time (s)")
         ax.margins(y=0.01)
         look: dict[str, Any] = {"edgecolor": "white", "linewidth": 0.3}
         keys = [Patch(facecolor=color, hatch=hatch, label=name, **look) for name, color, hatch in _PHASES.values()]

@@ -83,10 +83,10 @@ def _drawn(ax: Axes, entries: list[dict[str, Any]], values: Any, look: dict[str,
 
 def _draw_times(ax: Axes, entries: list[dict[str, Any]]) -> None:
     for name, look in _TIMES.items():
-        _drawn(ax, entries, lambda entry, name=name: 1e3 * entry["seconds"][name], look)
+        _drawn(ax, entries, lambda entry, name=name: entry["seconds"][name], look)
     labels = {"all events, printed 2010": "x", "trimming, printed 2010": "+"}
-    _draw_printed(ax, entries, lambda printed: printed, labels)
-    ax.set_ylabel("time (ms)")
+    _draw_printed(ax, entries, lambda printed: np.divide(printed, 1000), labels)
+    ax.set_ylabel("time (s)")
 
 
 def _draw_printed(ax: Axes, entries: list[dict[str, Any]], values: Any, labels: dict[str, str]) -> None:

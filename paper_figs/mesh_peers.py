@@ -14,7 +14,7 @@ top. Right, a log-log plot of error against time, where jhd is a single star far
 from typing import Any
 
 import numpy as np
-from common import BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, grouped, grouped_ticks, letter, style
+from common import BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, grouped, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -48,21 +48,21 @@ def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None
     """Draw bars of both kinds of points for each library, with the speed of jhd relative to it."""
     places = np.arange(len(queries))[::-1]
     for k, (name, color, hatch) in enumerate((("even in the box", BLUE, None), ("near the surface", ORANGE, "////"))):
-        rates = [peer["rates"][k] / 1000 for peer in queries]
+        rates = [peer["rates"][k] for peer in queries]
         rows = places + (0.2, -0.2)[k]
         ax.barh(rows, rates, 0.36, color=color, hatch=hatch, edgecolor="white", linewidth=0, label=name)
         for y, rate, peer in zip(rows, rates, queries, strict=True):
-            text = f"{rate:.3g}" + ("" if peer is queries[0] else f"  (jhd $\\times${peer['ratios'][k]:.2g})")
+            compared = "" if peer is queries[0] else f"  (jhd $\\times${peer['ratios'][k]:.2g})"
+            text = grouped(float(f"{rate:.3g}"), ",.0f") + compared
             ax.annotate(text, (rate, y), (3, 0), textcoords="offset points", va="center")
     ax.set_xscale("log")
-    rates = [rate / 1000 for peer in queries for rate in peer["rates"]]
-    ax.set_xlim(min(rates) / 3, max(rates) * 20)
-    ax.xaxis.set_major_formatter(grouped_ticks())
+    rates = [rate for peer in queries for rate in peer["rates"]]
+    ax.set_xlim(min(rates) / 3, max(rates) * 200)
     # Room for the legend below the bars.
     ax.set_ylim(-1.35, len(queries) - 0.5)
     ax.set_yticks(places, [peer["name"] for peer in queries])
     ax.tick_params(axis="y", length=0)
-    ax.set_xlabel("thousands of nearest points a second")
+    ax.set_xlabel("nearest points per second")
     ax.legend(loc="lower left", ncols=2, handlelength=1.4, columnspacing=1.2)
     letter(ax, "a", f"queries on {grouped(triangles)} triangles, one core")
 

@@ -101,12 +101,12 @@ def _draw_levels(ax: Axes, numbers: dict[str, Any], name: str) -> None:
 
 
 def _draw_rates(ax: Axes, numbers: dict[str, Any], names: list[str]) -> None:
-    rates = {kind: [numbers["surfaces"][name][kind]["rate"] / 1e6 for name in names] for kind in _KINDS}
+    rates = {kind: [numbers["surfaces"][name][kind]["rate"] for name in names] for kind in _KINDS}
     for kind, y in rates.items():
         _draw_one(ax, kind, y)
     every = [y for row in rates.values() for y in row]
     ax.set_ylim(min(every) / 2, max(every) * 2)
-    ax.set_ylabel("ranges (million / s)")
+    ax.set_ylabel("ranges per second")
     _by_surface(ax, numbers, names)
     letter(ax, "c", "speed of one range, one core")
 

@@ -89,9 +89,9 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 def _draw_times(ax: Axes, entries: list[dict[str, Any]]) -> None:
     for name, line in _TIMES.items():
-        _by_size(ax, entries, [1e3 * entry[name] for entry in entries], line, padded=name != "k-d tree")
-    ax.set_ylim(0.02, 2e3)
-    ax.set_ylabel("time (ms)")
+        _by_size(ax, entries, [entry[name] for entry in entries], line, padded=name != "k-d tree")
+    ax.set_ylim(2e-5, 2)
+    ax.set_ylabel("time (s)")
     ax.legend(loc="upper left", **_LEGEND)
     letter(ax, "a", "warm time, noisy pairs")
 

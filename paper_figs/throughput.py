@@ -54,7 +54,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
                 _draw(ax, numbers["kinds"][name])
             letter(ax, number, f"{title}, {device}")
             ax.set_xlabel("pairs in a batch")
-        axes[0].set_ylabel("pairs a second")
+        axes[0].set_ylabel("pairs per second")
         low, high = axes[0].get_ylim()
         # Room for the text.
         axes[0].set_ylim(low / 3.5, 1.4 * high)

@@ -24,6 +24,7 @@ _ROWS = {
     "nearest": ("nearest\nof each", BLUE),
     "within": ("near-\nduplicates", VERMILLION),
 }
+_HOUR = 3600
 
 
 def main() -> None:
@@ -51,16 +52,17 @@ def _draw_calls(ax: Any, numbers: dict[str, Any]) -> None:
     ax.set_xticks(size, [f"{x}" for x in size])
     ax.yaxis.set_major_formatter(grouped_ticks())
     ax.minorticks_off()
-    ax.set(xlabel="letters in each of two shards", ylabel="CPU time of a call (s)")
+    ax.set(xlabel="letters in each of two shards", ylabel="CPU time (s)")
     # Room for the key above the lines.
     ax.set_ylim(top=30 * max(every))
     ax.legend(loc="upper left", handlelength=2.6)
-    letter(ax, "a", "measured: one task")
+    letter(ax, "a", "measured: one call")
 
 
 def _draw_plan(ax: Any, numbers: dict[str, Any]) -> None:
     plan, assumed = numbers["plan"], numbers["assumed"]
-    values = [plan[name]["hours"] for name in _ROWS]
+    hours = [plan[name]["hours"] for name in _ROWS]
+    values = [_HOUR * x for x in hours]
     names, colors = zip(*_ROWS.values(), strict=True)
     # Points, as a logarithmic axis has no zero for bars.
     ax.hlines(range(len(names)), 0, values, color="#C0C0C0", linewidth=0.8)
@@ -71,12 +73,12 @@ def _draw_plan(ax: Any, numbers: dict[str, Any]) -> None:
     ax.set_xlim(min(values) / 4, 900 * max(values))
     ax.invert_yaxis()
     for k, name in enumerate(_ROWS):
-        text = f"{_lasts(values[k])}, {_kept(plan[name]['bytes'])} kept"
+        text = f"{_lasts(hours[k])}, {_kept(plan[name]['bytes'])} kept"
         ax.annotate(text, (values[k], k), (6, 0), textcoords="offset points", va="center")
     ax.minorticks_off()
     ax.tick_params(axis="y", length=0)
-    ax.set_xlabel(f"hours on {assumed['cores']} cores, busy {assumed['busy']:.0%} of the time")
-    letter(ax, "b", f"planned: {grouped(assumed['shapes'])} shapes")
+    ax.set_xlabel("time (s)")
+    letter(ax, "b", f"planned: {grouped(assumed['shapes'])} shapes, {grouped(assumed['cores'])} cores")
 
 
 def _lasts(hours: float) -> str:
