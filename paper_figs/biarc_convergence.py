@@ -99,7 +99,7 @@ def _draw_counts(ax: Axes, curves: dict[str, Any]) -> None:
 
 
 def _draw_used(ax: Axes, curves: dict[str, Any]) -> None:
-    """Plot the farthest sample and the bounds of the distance as fractions of the largest proven deviation."""
+    """Plot the farthest sample and the bounds of the distance as fractions of the largest certified deviation."""
     for k, (name, entry) in enumerate(curves.items()):
         rows = entry["rows"]
         x = np.array([row["share"] for row in rows]) * 10 ** (0.13 * (len(curves) // 2 - k))
@@ -110,13 +110,13 @@ def _draw_used(ax: Axes, curves: dict[str, Any]) -> None:
     ax.axhline(1.0, color=GRAY, linewidth=0.8)
     ax.set_xscale("log")
     ax.set_ylim(0.78, 1.06)
-    ax.text(0.02, 1.006, "proven deviation", transform=ax.get_yaxis_transform(), va="bottom", color=GRAY)
-    ax.set_ylabel("fraction of the proven deviation")
+    ax.text(0.02, 1.006, "certified deviation", transform=ax.get_yaxis_transform(), va="bottom", color=GRAY)
+    ax.set_ylabel("fraction of the certified deviation")
     handles = [
         Line2D([], [], linestyle="none", marker="o", color="white", **_MARK),
         Line2D([], [], linestyle="none", marker="_", color=BLACK, markersize=6, markeredgewidth=0.8),
     ]
-    labels = ["farthest sample", "distance, proven"]
+    labels = ["farthest sample", "distance, certified"]
     ax.legend(handles, labels, loc="lower left", ncols=2, handletextpad=0.3, columnspacing=1.0)
 
 

@@ -172,7 +172,7 @@ def power_text(x: float, digits: int = 0) -> str:
 
 
 def outward(lower: float, upper: float, digits: int) -> tuple[str, str]:
-    """Return both bounds with this number of decimals, rounded outward, so that the written bounds are proven."""
+    """Return both bounds with this number of decimals, rounded outward, so that the written bounds stay certified."""
     unit = Decimal(1).scaleb(-digits)
     low, high = (Decimal(x).quantize(unit, way) for x, way in ((lower, ROUND_FLOOR), (upper, ROUND_CEILING)))
     return f"{low}", f"{high}"

@@ -92,7 +92,7 @@ def _draw_ratios(ax: Axes, cases: list[dict[str, Any]]) -> None:
     ax.set_xlim(-0.5, len(degrees) - 0.5)
     ax.set_xlabel("degree")
     ax.set_ylabel("error / error of jhd")
-    letter(ax, "a", "proven errors")
+    letter(ax, "a", "certified errors")
 
 
 def _hollow(name: str) -> dict[str, Any]:

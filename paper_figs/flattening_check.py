@@ -74,13 +74,13 @@ def _draw_used(ax: Axes, entries: list[dict[str, Any]]) -> None:
     ax.annotate("tolerance broken", (1, 50), (4, 0), textcoords="offset points", va="center")
     largest = max(max(e["upper"]) / e["tolerance"] for e in entries)
     ax.set(xscale="log", xlim=(_LEAST, 20 * largest), ylim=(0, 101))
-    ax.set(xlabel="proven distance / tolerance", ylabel="curves within this distance (%)")
+    ax.set(xlabel="certified distance / tolerance", ylabel="curves within this distance (%)")
     ax.legend(loc="lower right", borderaxespad=0.1, handlelength=2.6)
     letter(ax, "a", "tolerance used, all curves")
 
 
 def _draw_shares(ax: Axes, entries: list[dict[str, Any]]) -> None:
-    """Plot the fractions of curves for which the error of Agg is proven to exceed half a pixel."""
+    """Plot the fractions of curves for which the error of Agg is certified to exceed half a pixel."""
     mine = [e for e in entries if e["name"].startswith("Agg")]
     rows = list(dict.fromkeys((e["name"].split(", ")[1], e["family"]) for e in mine))
     sizes = sorted({e["size"] for e in mine})
@@ -103,7 +103,7 @@ def _draw_shares(ax: Axes, entries: list[dict[str, Any]]) -> None:
     ax.tick_params(axis="y", length=0)
     ax.set(xlim=(0, 102), xlabel="curves farther than half a pixel (%)")
     ax.legend(loc="upper right", borderaxespad=0.1, handlelength=1.4, title="size of the curve")
-    letter(ax, "b", "Agg's flattening, proven violations")
+    letter(ax, "b", "Agg's flattening, certified violations")
 
 
 def _draw_strips(axes: Any, numbers: dict[str, Any]) -> None:

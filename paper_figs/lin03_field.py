@@ -163,7 +163,7 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
 
 def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
     """Plot the largest errors of the field and of the extracted mesh, in tolerances."""
-    rows = ("sampled", "proven", "extracted to mesh", "mesh to extracted")
+    rows = ("sampled", "certified", "extracted to mesh", "mesh to extracted")
     for k, (case, color) in enumerate(zip(numbers["meshes"], (BLUE, ORANGE), strict=True)):
         ways = [case["hausdorff"][key]["upper"] for key in ("from", "to")]
         values = np.array([case["sampled"], case["proven"], *ways]) / case["atol"]

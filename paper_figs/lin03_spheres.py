@@ -39,7 +39,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_spheres(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Draw both spheres seen along z, lit from the left, with the printed and the proven points."""
+    """Draw both spheres seen along z, lit from the left, with the printed and the certified points."""
     printed = np.array([(y, numbers["line"]["x"]) for y in _PRINTED])
     proven = [(RADII[0], 0.0), (CENTER - RADII[1], 0.0)]
     for radius, center in zip(RADII, (0.0, CENTER), strict=True):
@@ -53,7 +53,7 @@ def _draw_spheres(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_xlim(-RADII[0] - 0.1, CENTER + RADII[1] + 0.1)
     ax.set_ylim(-RADII[0] - 0.1, RADII[0] + 0.1)
     ax.set_axis_off()
-    letter(ax, "a", "two spheres, printed and proven points")
+    letter(ax, "a", "two spheres, printed and certified points")
 
 
 def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:

@@ -172,7 +172,7 @@ def _draw_bounds(ax: Axes, directions: dict[str, Any]) -> None:
     ax.set_ylabel("(upper $-$ lower) / distance")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(loc="upper right")
-    letter(ax, "d", "proven bounds closing")
+    letter(ax, "d", "certified bounds closing")
 
 
 if __name__ == "__main__":

@@ -77,7 +77,7 @@ def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
         errors = [max(abs(way["error"]), proven) for way in mine]
         low = np.median([way["error"] for way in mine]) <= 0
         size = 9 if name == _OURS else 4.5
-        text = f"{name} (width of the bounds)" if name == _OURS else f"{name} (too {'small' if low else 'large'})"
+        text = "jhd (width of the certified bounds)" if name == _OURS else f"{name} (too {'small' if low else 'large'})"
         face = color if low else "white"
         seconds = [way["seconds"] for way in mine]
         ax.loglog(

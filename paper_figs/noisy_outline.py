@@ -52,7 +52,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
             _draw(distance, cases, [_MILLI * entry["upper"] for entry in found], name, look)
             if name != "least squares":
                 _draw(seconds, cases, [entry["seconds"] for entry in found], name, look)
-        distance.set_ylabel("proven Hausdorff distance (1/1000)")
+        distance.set_ylabel("certified Hausdorff distance (1/1000)")
         letter(distance, "b", "distance")
         seconds.set_ylabel("CPU time (s)")
         letter(seconds, "c", "time")

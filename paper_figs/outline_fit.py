@@ -100,7 +100,7 @@ def _draw_bars(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
 
 
 def _draw_used(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
-    """Plot the proven error of every fit, divided by its tolerance."""
+    """Plot the certified error of every fit, divided by its tolerance."""
     tolerances = sorted({fit["tolerance"] for glyph in glyphs for fit in glyph["fits"]}, reverse=True)
     for k, (method, (_, color, _, marker)) in enumerate(_METHODS.items()):
         mine = [(tolerances.index(f["tolerance"]), f) for g in glyphs for f in g["fits"] if f["method"] == method]
@@ -118,7 +118,7 @@ def _draw_used(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
         )
     ax.axhline(1, color=BLACK, linewidth=0.8)
     ax.set_xticks(range(len(tolerances)), [f"{_MILLI * tolerance:g}" for tolerance in tolerances])
-    ax.set(xlabel="tolerance (em / 1000)", ylabel="proven error / tolerance")
+    ax.set(xlabel="tolerance (em / 1000)", ylabel="certified error / tolerance")
     ax.set_xlim(-0.5, len(tolerances) - 0.5)
     letter(ax, "d", "tolerance used")
 

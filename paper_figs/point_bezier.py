@@ -135,7 +135,7 @@ def _methods(numbers: dict[str, Any]) -> Figure:
 def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:
     path = numbers["path"]
     x, distance = np.array(path["points"])[:, 0], np.array(path["distance"])
-    ax.plot(x, distance, color=BLUE, linewidth=1.4, label="proven", zorder=3)
+    ax.plot(x, distance, color=BLUE, linewidth=1.4, label="certified", zorder=3)
     misses: dict[str, Any] = {"color": VERMILLION, "marker": "x", "markersize": 3.5, "linestyle": "none"}
     for name in ("IntervalHalvingProjection", "NewtonProjection", "HybridProjection"):
         found = np.array(path["methods"][name]["distance"])

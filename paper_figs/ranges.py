@@ -83,7 +83,7 @@ def _draw_ratios(ax: Axes, numbers: dict[str, Any], names: list[str]) -> None:
     ax.yaxis.set_major_locator(FixedLocator([1, 2, 4, 8]))
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_yticklabels(["1", "2", "4", "8"])
-    ax.set_ylabel("cells kept / proven")
+    ax.set_ylabel("cells kept / certified")
     _by_surface(ax, numbers, names)
     letter(ax, "a", f"cells kept of {numbers['cells'][0]}$^3$")
 
@@ -117,7 +117,7 @@ def _draw_cost(ax: Axes, numbers: dict[str, Any], names: list[str]) -> None:
         _draw_one(ax, kind, [way["seconds"] for way in ways])
     ax.set_ylabel("time (s)")
     _by_surface(ax, numbers, names)
-    letter(ax, "d", f"voxelization at {numbers['cells'][1]}$^3$, with proofs")
+    letter(ax, "d", f"voxelization at {numbers['cells'][1]}$^3$, with certification")
 
 
 if __name__ == "__main__":

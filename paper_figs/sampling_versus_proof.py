@@ -63,7 +63,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw(ax: Axes, pair: dict[str, Any], chosen: float) -> None:
-    """Plot errors of the peers, for the tree with the number of samples at its ends, and the proven gap."""
+    """Plot errors of the peers, for the tree with the number of samples at its ends, and the certified gap."""
     for method, line in _SERIES.items():
         entries = [entry for entry in pair["entries"] if entry["method"] == method]
         time, error = ([entry[key] for entry in entries] for key in ("seconds", "error"))
@@ -76,7 +76,7 @@ def _draw(ax: Axes, pair: dict[str, Any], chosen: float) -> None:
                 note = ax.annotate(text, place, offset, textcoords="offset points", ha=ha)
                 note.set_path_effects([withStroke(linewidth=1.5, foreground="white")])
     (ours,) = (e for e in pair["entries"] if e["method"] == "jhd" and e["tolerance"] == chosen)
-    ax.loglog([ours["seconds"]], [ours["gap"]], label="jhd: gap proven", zorder=5, **_STAR)
+    ax.loglog([ours["seconds"]], [ours["gap"]], label="jhd: certified gap", zorder=5, **_STAR)
     ax.axhline(chosen, color=BLACK, linewidth=0.6, linestyle=(0, (1, 1.5)), label="tolerance of jhd")
     ax.minorticks_off()
 

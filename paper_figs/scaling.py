@@ -113,7 +113,7 @@ def _draw_cells(ax: Axes, kinds: dict[str, Any]) -> None:
     ax.set_ylabel("cells bounded")
     ax.set_ylim(2, 3000)
     ax.legend(loc="upper left", **_LEGEND)
-    letter(ax, "b", "cells until $10^{-10}$ of the diagonal is proven")
+    letter(ax, "b", "cells until $10^{-10}$ of the diagonal is certified")
 
 
 def _draw_memory(ax: Axes, entries: list[dict[str, Any]]) -> None:

@@ -20,7 +20,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 _PARTS = {
     "start": ("start by least squares", ORANGE, "s", (0, (4, 1.2))),
     "step": ("a step", BLUE, "o", "-"),
-    "proof": ("proof of the end", GREEN, "^", (0, (1, 1))),
+    "proof": ("certified error", GREEN, "^", (0, (1, 1))),
     "all": ("all maxima, once", VERMILLION, "D", (0, (4, 1.2, 1, 1.2))),
 }
 _MARKS: dict[str, Any] = {"markersize": 3.6, "markeredgecolor": BLACK, "markeredgewidth": 0.5}

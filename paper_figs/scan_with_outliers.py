@@ -49,7 +49,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         _draw_places(places, shown)
         letter(places, "a", f"{len(shown['scan'])} points, {shown['share']:.0%} of them outliers")
         _draw_errors(errors, numbers)
-        letter(errors, "b", "errors of the registration, proven")
+        letter(errors, "b", "certified errors of the registration")
         handles = [Line2D([], [], color=GRAY, marker=".", markersize=3, linestyle="none", label="scan")]
         for name, (color, marker, line) in _MEASURES.items():
             look: dict[str, Any] = {"color": color, "marker": marker, "linestyle": line, "linewidth": 1.4}

@@ -28,7 +28,11 @@ _RULES = {"paper": ("published rule", VERMILLION, -0.16), "safe": ("safe rule", 
 _TITLES = ("cells of $B$ without a point", "cells of $A$ without a point", "$A$ has no point")
 
 # Text instead of a bar, if a method gives no number.
-_NO_NUMBER = {"empty": "proven empty", "empty_surface": "proven empty", "existence_not_certified": "unverified"}
+_NO_NUMBER = {
+    "empty": "certified empty",
+    "empty_surface": "certified empty",
+    "existence_not_certified": "not certified",
+}
 
 
 def main() -> None:
@@ -47,9 +51,9 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         axes[1, 0].set_ylabel("distance of $A$ from $B$")
         edge = {"edgecolor": BLACK, "linewidth": 0.4}
         keys = [
-            Patch(facecolor=BLUE, alpha=0.55, label="cells of $A$, proven", **edge),
-            Patch(facecolor=ORANGE, alpha=0.55, label="cells of $B$, proven", **edge),
-            Patch(facecolor="white", hatch="//////", label="kept, not proven", edgecolor=VERMILLION, linewidth=0.8),
+            Patch(facecolor=BLUE, alpha=0.55, label="cells of $A$, certified", **edge),
+            Patch(facecolor=ORANGE, alpha=0.55, label="cells of $B$, certified", **edge),
+            Patch(facecolor="white", hatch="//////", label="kept, not certified", edgecolor=VERMILLION, linewidth=0.8),
             Line2D([], [], color=VERMILLION, linewidth=4, label="published rule"),
             Line2D([], [], color=BLUE, linewidth=4, alpha=0.7, label="safe rule"),
             Line2D([], [], color=PURPLE, marker="*", linestyle="none", markersize=7, label="jhd (branch and bound)"),

@@ -74,7 +74,7 @@ def _draw(ax: Axes, found: dict[str, Any]) -> None:
     for name, line in _LOOPS.items():
         ax.axhline(levels[name], linewidth=1.2, **{key: line[key] for key in ("color", "linestyle", "label")})
     error, gap = power_text(found["error"]["median"]), power_text(found["gap"])
-    text = f"k-d tree: median error {error}\njhd: largest gap {gap}, proven"
+    text = f"k-d tree: median error {error}\njhd: largest gap {gap}, certified"
     ax.text(0.03, 0.03, text, transform=ax.transAxes, linespacing=1.3)
     ax.set_xticks(size, [f"{n}" for n in size])
     ax.minorticks_off()
