@@ -1,4 +1,4 @@
-"""What does the published distance of two cones cost today, and what does a proof to eleven digits cost?
+"""What does the published distance of two cones cost today, and what do eleven certified digits cost?
 
 The paper's only example, two cones in [-2, 2]^3: H in [sqrt(17/32), sqrt(103/128)] after 789 694 s in Mathematica on
 one core of a Core 2 Duo. The paper names an epsilon of 1/64, but its interval belongs to 64 cells along the box, whose

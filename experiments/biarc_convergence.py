@@ -1,4 +1,4 @@
-"""How many arcs does a plane curve need for a tolerance, and what fraction of the proven deviation is attained?
+"""How many arcs does a plane curve need for a tolerance, and what fraction of the certified deviation is attained?
 
 Biarcs replace five curves: a convex cubic, a cubic that inflects, a cubic with a cusp, an ellipse of rational
 quadratics, and a closed cubic spline of 24 control points. Tolerances go from 1e-1 to 1e-8 of the diagonal of the box.

@@ -1,4 +1,4 @@
-"""How far apart are the letters of two fonts, and is the nearest letter of the other font proven to be its namesake?
+"""How far apart are the letters of two fonts, and is the nearest letter of the other font certified to be its namesake?
 
 All 26 x 26 two-sided Hausdorff distances between the lower-case outlines of DejaVu Sans (a sans serif of even strokes)
 and STIX General (a Times: serifs, contrast, a g of two storeys). Each letter is scaled to the x-height of its font and

@@ -1,4 +1,4 @@
-"""Where are two meshes of one surface farthest from each other, and how fast is that proven?
+"""Where are two meshes of one surface farthest from each other, and how fast is that certified?
 
 A fine mesh of a surface with bumps, and a coarse one with vertices on this surface; or two files, if --meshes A B or
 --a A --b B are passed. Both directed Hausdorff distances, with the bounds after each round of the search. For the

@@ -1,18 +1,18 @@
 """How fast are nearest points and Hausdorff distances of meshes, compared with other libraries and sampling?
 
-Two meshes of one surface, of about 70 000 and 3 000 triangles; with --meshes A B, two files instead.
+Two meshes of one surface, of about 70 000 and 3000 triangles; with --meshes A B, two files instead.
 
 (1) Nearest points on the finer mesh for points spread evenly in its box and for points near the surface: seconds to
-prepare, queries a second, and the difference of distances from ours. The peers are libigl, point-cloud-utils, Open3D
+prepare, queries per second, and the difference of distances from ours. The peers are libigl, point-cloud-utils, Open3D
 and trimesh, if they are installed. (2) Hausdorff distances: our proven one; libigl's function, which uses vertices
 alone; and samples, spread evenly on both meshes, either against each other (SciPy's k-d tree, point-cloud-utils) or
 against the other mesh itself, which gives a true lower bound. All run in one process, on one core; times are the least
 of several.
 
-Claims: for points spread evenly ours is the fastest search, about twice as fast as libigl's (one to four times); near
-the surface both are about as fast, within a factor of 1.5. trimesh takes more than five times as long. The proven
-distance takes less than half the time of a million samples. These are off by more than 1 %, too large against each
-other and too small against meshes. libigl's function takes less time and is too small by more than 1 %.
+Claims: for points spread evenly ours is the fastest search, one to four times as fast as libigl's; near the surface
+both are as fast to a factor of 1.5. trimesh takes more than five times as long. The proven distance takes less than
+half the time of a million samples. These are off by more than 1 %, too large against each other and too small against
+meshes. libigl's function takes less time and is too small by more than 1 %.
 
 Feeds: figure "mesh distances compared with other libraries" and both tables.
 Takes: 3 minutes, with libigl, point-cloud-utils and trimesh (and rtree) installed.

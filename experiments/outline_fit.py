@@ -1,4 +1,4 @@
-"""How few segments draw a glyph within a proven tolerance, and how soon is a fit of 60 parameters at its optimum?
+"""How few segments draw a glyph within a certified tolerance, and how soon is a fit of 60 parameters at its optimum?
 
 Two parts. (1) Outlines of letters of two fonts, lines and quadratics, are fitted by cubics within tolerances in ems: by
 fit_outline, and by two ways of least squares. hausdorff proves all errors. Both ways of least squares cut the contour

@@ -1,6 +1,6 @@
 """How often do local point projections miss the nearest point of a cubic, and what does never missing it cost?
 
-Three parts. (1) A point slides to the right past a cubic and the foot follows, with two jumps (the animation of
+Three parts. (1) A point slides to the right past a cubic and the foot follows, with jumps (the animation of
 PointBezier): steps and errors of each method. (2) The fraction of wrong feet on 10 000 random cubics; control points
 and queries are normal in the plane, the query also half and twice as far out. (3) One cubic against 10 000 points: time
 and error compared with SciPy's k-d tree on 1e3 to 1e5 samples, in one process on one core.

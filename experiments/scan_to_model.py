@@ -1,8 +1,8 @@
 """How far are 100 000 noisy points of a scan from a B-spline model, and how near can the model come to them?
 
 The scan is 100 000 points of a sheet of 9 bicubic patches, without its rim, with normal noise of 0.001 of its side. The
-model has this net with its heights off by up to 0.01. `minimize_hausdorff` fits its 36 heights to the root mean square
-of the distances of one point in twenty; so a single point that is far off pulls little. The directed distance from all
+model has this net with its heights off by up to 0.01. `minimize_hausdorff` fits its heights to the root mean square of
+the distances of one point in twenty; so a single point that is far off pulls little. The directed distance from all
 points to the model is proven before and after. It is compared with the distance by a k-d tree on samples of the model,
 whose number is doubled until they take as long. Times are CPU seconds; the distances are timed in a second call.
 

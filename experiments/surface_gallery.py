@@ -1,4 +1,4 @@
-"""Where are six pairs of well-known algebraic surfaces farthest from each other, and what does the proof cost?
+"""Where are six pairs of well-known algebraic surfaces farthest from each other, and what does certifying it cost?
 
 Each pair lies in one box and is compared in both directions by BranchAndBound, the default, to a tolerance of 1e-6. The
 first call compiles for the degrees of the pair; a second call is timed. For comparison: the interval that

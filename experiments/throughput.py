@@ -1,9 +1,9 @@
-"""How many pairs a second does a batch compute?
+"""How many pairs per second does a batch compute?
 
 Random pairs of two kinds: single cubics, with normal control points; and closed cubic B-splines of 30 control points,
 two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, proven to 1e-10 of the diagonal,
 
-- of a batch of 1 to 1 024 pairs (64 to 8 192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
+- of a batch of 1 to 1024 pairs (64 to 8192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
 - in such a batch with the search compiled into the function (`jhd.inline_searches`), as always on an accelerator;
 - one by one, by one compiled function;
 - one by one, by plain calls.
@@ -18,9 +18,9 @@ For comparison: SciPy's k-d trees on one core, both directions, trees included, 
 segment, and their error; the samples are not timed. Batches use the same 256 pairs, larger ones use more; arrays are
 stacked beforehand. All run in one process, in turns; times are medians, warm.
 
-Claims: the answers of a batch equal those one by one to rounding. On two cores of a CPU a batch of 256 pairs or more is
-searched at least three times as fast as pairs one by one for single cubics, twice for curves of 30 segments, and faster
-than with the search compiled into the function. The trees have errors of 1e-6 in the median and up to 1e-3.
+Claims: the answers of a batch equal those one by one to rounding. On two or more cores of a CPU a batch of 256 pairs or
+more is searched at least three times as fast as pairs one by one for single cubics, twice for curves of 30 segments,
+and faster than with the search compiled into the function. The trees have errors of 1e-6 in the median and up to 1e-3.
 
 Feeds: figure and table "throughput".
 Takes: 3 minutes.

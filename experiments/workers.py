@@ -1,4 +1,4 @@
-"""How many distances of letters a second do threads, processes, Dask's workers and several devices compute?
+"""How many distances of letters per second do threads, processes, Dask's workers and several devices compute?
 
 The same pairs of letters, of 17 to 48 segments each, by `jhd.pairwise` on threads, spawned processes, workers of loky
 and Dask if these are installed, and several devices that XLA simulates on the CPU, each in a process of its own. For

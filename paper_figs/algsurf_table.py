@@ -1,14 +1,14 @@
-"""The paper's two cones: width against time of cells and of the search, their intervals, cells kept, pairs a second.
+"""The paper's two cones: width against time of cells and of the search, their intervals, cells kept, pairs per second.
 
 Numbers by algsurf_table's experiment.
 
 Caption: The two cones of the paper: width of the interval against time, the intervals, cells kept on each level, and
-pairs a second. The printed interval [sqrt(17/32), sqrt(103/128)] belongs to 64 cells along the box, whose edge is 1/16.
-The printed tolerance of 1/64 is the edge of 256 cells. The branch and bound of jhd proves (sqrt(43) - 4) / 3 to eleven
-digits in less than a second.
+pairs per second. The printed interval [sqrt(17/32), sqrt(103/128)] belongs to 64 cells along the box, whose edge is
+1/16. The printed tolerance of 1/64 is the edge of 256 cells. The branch and bound of jhd certifies (sqrt(43) - 4) / 3
+to eleven digits in less than a second.
 
 Alt text: Four panels: interval width against time, where jhd drops below 1e-11 within a second; vertical interval bars
-that shrink around the exact distance; excess cells by level; and three bars of pairs of cells a second.
+that shrink around the exact distance; excess cells by level; and three bars of pairs of cells per second.
 """
 
 from fractions import Fraction

@@ -1,4 +1,4 @@
-"""Number of biarcs against tolerance with theory, and the fraction of the proven deviation that is attained.
+"""Number of biarcs against tolerance with theory, and the fraction of the certified deviation that is attained.
 
 Numbers by biarc_convergence's experiment.
 

@@ -4,7 +4,7 @@ Numbers by certificates's experiment.
 
 Caption: CPU seconds of the check of a certificate in exact integers, and its number of cells, for ten random pairs of
 shapes for every pair of kinds; the least and the largest are filled. The numbers on the right count refused forgeries,
-two hundred for each certificate: bounds one digit beyond the proven ones, missing cells, wrong foot points, other
+two hundred for each certificate: bounds one digit beyond the certified ones, missing cells, wrong foot points, other
 shapes. Decisions that one point answers have no cells.
 
 Alt text: A table of 23 pairs of kinds with two dot plots on logarithmic axes, check times below a second and numbers of

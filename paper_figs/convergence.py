@@ -7,11 +7,11 @@ one-to-two maximum and on coincident curves, with fitted slopes (numbers) and th
 picture: against the number of cells of a search. At both maxima the bound of jhd has order 8 and needs 3 cells for
 1e-10 of the diagonal; the other three bounds need at least 27.
 
-Alt text: Four log-log panels of gaps against cell width. Straight lines with slopes written next to them; the line of
-jhd is the steepest and reaches the level of rounding at the widest cells in every panel.
+Alt text: Four log-log panels of gaps against cell width. Straight lines have their fitted slopes written next to them
+and dashed slopes of theory; dots mark the level of rounding.
 
-Alt text of cells: Four log-log panels of gaps against the number of cells bounded. The line of jhd drops below the
-dotted default tolerance first; Lipschitz bounds fall slowest.
+Alt text of cells: Four log-log panels of gaps against the number of cells bounded. At both maxima the line of jhd drops
+below the dotted default tolerance first.
 """
 
 from collections.abc import Callable

@@ -1,11 +1,11 @@
-"""CPU seconds of the first call of a process by phase: without a cache on disk, with a cold and with a warm cache.
+"""CPU time of the first call of a process by phase: without a cache on disk, with a cold and with a warm cache.
 
 Numbers by first_call's experiment.
 
-Caption: CPU seconds of the first call of a process by phase: without a cache on disk, with a cold (empty) cache, and
-with a warm cache. With a warm cache, distances and a gradient take less than a fifth, a fit less than a quarter and
-functions under jax.jit, which call the kept search, less than two fifths of the time without a cache. Bounds are
-bitwise identical.
+Caption: CPU time of the first call of a process after the import, by phase: without a cache on disk, with a cold
+(empty) cache, and with a warm cache. With a warm cache, distances and a gradient take less than a fifth, a fit less
+than a quarter and functions under jax.jit, which call the kept search, less than two fifths of the time without a
+cache. Bounds are bitwise identical.
 
 Alt text: Stacked horizontal bars in nine groups of three, one bar each without a cache, with a cold cache and with a
 warm cache. In most groups the warm bars are by far the shortest.

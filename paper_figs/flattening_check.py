@@ -5,7 +5,7 @@ fraction of curves that exceed Agg's half pixel, and one curve that Agg draws 25
 tolerance on every input. On thin curves and hairpins Agg errs by up to 46 % of their size. All answers are certified.
 
 Alt text: Four panels: cumulative curves of error over tolerance with a gray region for violations, horizontal bars of
-violations for each kind of curve, and two pixel strips of a hairpin, the upper one drawn a third too long.
+violations for each kind of curve, and two pixel strips of a hairpin, the upper one drawn too long.
 """
 
 from typing import Any

@@ -3,8 +3,8 @@
 Numbers by lin03_spheres's experiment.
 
 Caption: The published voxel method on two spheres of distance 2 (figure 10 of Lin and Wang): the printed and the
-certified points, the answers on 81 grids, and the points found. The answers reach 2.0166; the printed 2.0020 is
-among the answers on 32 of the grids. The certified bounds enclose 2 and are less than 3e-12 apart.
+certified points, the answers on 81 grids, and the points found. The answers reach 2.0166; the printed 2.0020 is among
+the answers on 32 of the grids. The certified bounds enclose 2 and are less than 3e-12 apart.
 
 Alt text: Three panels: two gray spheres joined by a short segment, cumulative curves of the answers on 81 grids, and
 answers along a parabola over the distance of their samples from the line of centers.

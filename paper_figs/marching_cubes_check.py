@@ -8,7 +8,7 @@ first-order estimate at the centers of triangles is 14 to 20 % too large on the 
 the finest.
 
 Alt text: Left, a rounded cube mesh in dark blue to yellow with the farthest point marked. Right, a log-log plot in
-which proven distances of both directions fall with the cell width, and samples level off.
+which certified distances of both directions fall with the cell width, and samples level off.
 """
 
 from typing import Any

@@ -2,9 +2,9 @@
 
 Writes a strip of six frames (.png, .pdf), the animation (.gif), and the methods compared (_methods.png, .pdf).
 
-Caption: A point slides past a cubic, and its foot point jumps twice; the second picture counts wrong foot points of
-five methods on 10 000 random cubics. The certified methods are never wrong. Interval halving and Newton's method are
-wrong on 3 to 16 % of the queries.
+Caption: A point slides past a cubic, and its foot point jumps; the second picture counts wrong foot points of five
+methods on 10 000 random cubics. The certified methods are never wrong. Interval halving and Newton's method are wrong
+on 3 to 16 % of the queries.
 
 Alt text: Six frames of a point that moves to the right past an N-shaped cubic, with a segment to its nearest point.
 Below each frame, the distance over the parameter with its least value marked.

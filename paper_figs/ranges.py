@@ -3,11 +3,11 @@
 Numbers by ranges' experiment.
 
 Caption: Cells that five range bounds of a polynomial keep: on the last level, level by level, and against time.
-Bernstein coefficients keep at most 3 % more cells than are proven to hold a point, and modified affine arithmetic 3 to
-34 %. The power form keeps up to nine times as many.
+Bernstein coefficients keep at most 3 % more cells than are certified to hold a point, and modified affine arithmetic 3
+to 34 %. The power form keeps up to nine times as many.
 
 Alt text: Four plots with one mark for each of five range bounds: cells kept for six surfaces, cells kept by level for
-the Barth sextic, ranges a second, and time of voxelization.
+the Barth sextic, ranges per second, and time of voxelization.
 """
 
 from typing import Any

@@ -1,6 +1,6 @@
-"""Error against time of sampled, polygonal and proven distances.
+"""Error against time of sampled, polygonal and certified distances.
 
-Numbers by sampling_versus_proof's experiment. Stars are gaps that jhd has proven at a tolerance of 1e-10 of the
+Numbers by sampling_versus_proof's experiment. Stars are gaps that jhd has certified at a tolerance of 1e-10 of the
 diagonal.
 
 Caption: Error against time for four pairs of curves: samples in SciPy's k-d tree, polylines in shapely, and jhd (stars:

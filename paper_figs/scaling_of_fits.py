@@ -7,7 +7,7 @@ free points. The time of a step grows more slowly than the number of vertices. B
 than their number.
 
 Alt text: Two log-log plots of CPU time, against the vertices of the target and against the free points of the fit, with
-lines for the start, a step, the proof and all maxima, and a straight line for proportional growth.
+lines for the start, a step, the certified error and all maxima, and a straight line for proportional growth.
 """
 
 from typing import Any

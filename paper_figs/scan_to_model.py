@@ -2,9 +2,9 @@
 
 Numbers by scan_to_model's experiment.
 
-Caption: Fraction of 94 249 scanned points that are farther from the model than a distance, before and after its 36
-heights are fitted to the root mean square. The root mean square falls to the noise level, to within 5 %. The largest
-distance is certified to 1e-9 before and after.
+Caption: Fraction of 94 249 scanned points that are farther from the model than a distance, before and after its heights
+are fitted to the root mean square. The root mean square falls to the noise level, to within 5 %. The largest distance
+is certified to 1e-9 before and after.
 
 Alt text: Two falling curves of the percentage of points against the distance: dashed before the fit, solid and much
 steeper after it. Marks on the axis show the largest distances, a dotted line the noise.

@@ -7,7 +7,7 @@ number of triangles. The distance from the mesh is 73 to 97 % of the error that 
 the distance from the finest mesh by a factor of more than 39, and the distance to it by more than 100.
 
 Alt text: Left, a wavy sheet of triangles, mostly dark blue with yellow spots near the left corner. Right, a log-log
-plot in which proven distances follow the stated error down, while samples level off above it.
+plot in which certified distances follow the stated error down, while samples level off above it.
 """
 
 from typing import Any

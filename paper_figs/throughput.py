@@ -1,13 +1,13 @@
-"""Pairs a second against the size of a batch; numbers by throughput's experiment.
+"""Pairs per second against the size of a batch; numbers by throughput's experiment.
 
 Horizontal lines are single calls, pair by pair.
 
-Caption: Pairs a second in batches of 1 to 1024 under vmap, on two CPU cores; horizontal lines show one call per pair.
-Batches use both cores: from 256 pairs on they are at least three times as fast as compiled calls one by one for single
-cubics, and twice for curves of 30 segments. With the search inside the compiled function (`jhd.inline_searches`) a
-batch uses one core.
+Caption: Pairs per second in batches of 1 to 1024 under vmap, on a CPU; horizontal lines show one call per pair. Batches
+use all cores: on two or more, from 256 pairs on, they are at least three times as fast as compiled calls one by one for
+single cubics, and twice for curves of 30 segments. With the search inside the compiled function (`jhd.inline_searches`)
+batches of this size are slower.
 
-Alt text: Two log-log panels, for cubics and for splines of 30 segments. Two rising lines show pairs a second against
+Alt text: Two log-log panels, for cubics and for splines of 30 segments. Two rising lines show pairs per second against
 the batch size; three horizontal lines show compiled calls, plain calls and the k-d tree.
 """
 

@@ -5,7 +5,7 @@ thousand cores. All pairs would take days, the nearest of each shape about an ho
 cores are busy 80 % of the time and the shapes are like these letters.
 
 Alt text: Left, a log-log plot with three rising lines of CPU time against the size of the shards. Right, three dots on
-a logarithmic axis of hours, from minutes for near-duplicates to days for all pairs.
+a logarithmic time axis, from minutes for near-duplicates to days for all pairs.
 """
 
 from typing import Any

@@ -46,6 +46,7 @@ def check_duplicates(numbers):
     assert numbers["sample"]["near"] > 0
     if full(numbers):
         assert [numbers["shapes"], numbers["pairs"], numbers["found"]] == [11_683, 68_240_403, 905]
+        assert numbers["within"] == 0.01 and len(numbers["context"]["parameters"]["FAMILIES"]) == 3
         assert 900 < numbers["computed"] < 1100 and numbers["spent"]["cpu"] < 30 and numbers["sample"]["shapes"] == 120
 
 

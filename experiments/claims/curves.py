@@ -70,7 +70,8 @@ def check_point_bezier(numbers):
         local = {"IntervalHalvingProjection", "NewtonProjection", "HybridProjection"}
         methods = numbers["random"]["methods"]
         assert all(3 <= round(100 * entry["wrong"]) <= 16 for name in local for entry in methods[name])
-        assert ours["seconds"] < 0.5 and numbers["speed"]["count"] == 10_000 and samples[-1]["samples"] == 100_000
+        assert numbers["random"]["count"] == numbers["speed"]["count"] == 10_000
+        assert ours["seconds"] < 0.5 and samples[-1]["samples"] == 100_000
         assert samples[-1]["ratio"] > 2 and all(s["error"] > 1e-6 for s in samples)
 
 
@@ -152,6 +153,7 @@ def check_flattening_check(numbers):
     if full(numbers):
         agg = [entry for entry in numbers["entries"] if entry["name"].startswith("Agg")]
         straight = [entry for entry in agg if entry["family"] in ("thin", "hairpin")]
+        assert all(entry["tolerance"] == 0.5 for entry in agg)
         for entry in agg:
             if entry["family"] == "random":
                 assert entry["answers"]["no"] < entry["count"] / 10
