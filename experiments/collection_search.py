@@ -1,11 +1,11 @@
 """What fraction of the distances between many letters must be searched to certify the nearest ones, and in what time?
 
-`jhd.nearest_shapes` finds the nearest and the five nearest among 125, 500 and 2 000 letters of DejaVu Sans for each of
+`jhd.nearest_shapes` finds the nearest and the five nearest among 125, 500 and 2000 letters of DejaVu Sans for each of
 500 letters of DejaVu Serif, drawn at random, one em high. Measured are the number of searched distances, as a fraction
 of all distances, and CPU seconds of the whole call, once compiled. For comparison, `jhd.pairwise` computes all
 distances of eight queries; its time is scaled to all queries.
 
-Claims: the nearest of 2 000 takes at most 0.3 per cent of the distances and ten CPU seconds, the five nearest one per
+Claims: the nearest of 2000 takes at most 0.3 per cent of the distances and ten CPU seconds, the five nearest one per
 cent; the fraction falls as the number of shapes grows. Both results agree with all distances of the eight queries,
 within the proven bounds. Every shape that these distances prove to be among the nearest is found or named as a tie.
 

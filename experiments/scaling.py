@@ -1,6 +1,6 @@
 """How do time, cells, compilation and memory grow with the number of segments?
 
-Pairs of closed cubic B-splines, from 1 to 2 000 segments each, of two kinds:
+Pairs of closed cubic B-splines, from 1 to 2000 segments each, of two kinds:
 
 - refined: one pair of shapes, far from each other for their size, with more and more control points on it;
 - noisy: two tracings of one ellipse with independent noise in every control point. The height of the noise is
@@ -8,20 +8,20 @@ Pairs of closed cubic B-splines, from 1 to 2 000 segments each, of two kinds:
 
 A single segment is the first one of a spline of four. Functions are compiled for 4, 16, 48, 96, 192, 256, 384, 512, ...
 segments, and curves are padded to these sizes. The experiment uses some of these sizes, and some sizes just above them,
-which cost as much as the next size: 2 000 costs as much as 2 048. Times are warm medians in one process on one core:
-one direction and both, as a plain call and as one compiled function, and one plain call with no steps, which measures
-only the start of the search. For comparison, SciPy's k-d tree in one direction, tree included, with 25 samples a
-segment, and its error; the samples are not timed. Exponents are fitted to the sizes that need no padding.
+which cost as much as the next size: 2000 costs as much as 2048. Times are warm medians in one process on one core: one
+direction and both, as a plain call and as one compiled function, and one plain call with no steps, which measures only
+the start of the search. For comparison, SciPy's k-d tree in one direction, tree included, with 25 samples a segment,
+and its error; the samples are not timed. Exponents are fitted to the sizes that need no padding.
 
 Memory is measured in two ways: XLA's own count of the memory of a compiled function without its input and output, and
 the peak of a process that does nothing else, less the memory of the imports. This process takes its compiled functions
 from the compile cache. Compilation is timed for one direction, from the call to the compiled function, without a cache.
 
-Claims: 2 000 x 2 000 segments are proven to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than
+Claims: 2000 x 2000 segments are proven to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than
 n + 64 cells of n segments, and in bounded memory: less than 10 MB for the tables of a compiled function, less than 1 GB
 for the process. Tracing and compiling take 8 to 25 s. The start of the search grows more slowly than the number of
 segments, and takes a quarter or more of a plain call from 385 segments on. A k-d tree is faster for few segments. For
-2 000 segments of the noisy pairs it takes about as long (0.3 to 2 times), and has an error of 1e-6 of the diagonal
+2000 segments of the noisy pairs it takes about as long (0.3 to 2 times), and has an error of 1e-6 of the diagonal
 instead of a proof.
 
 Feeds: figure and tables "scaling".
@@ -52,7 +52,7 @@ Pair = tuple[jhd.BezierSegments, jhd.BezierSegments]
 
 _BUCKETS = (4, 16, 48, 96, 192, 384, 768, 1536, 3072)
 _CLAIMED = 2000
-# Sizes without padding, some that need the most padding, and the claimed size, which is padded to 2 048.
+# Sizes without padding, some that need the most padding, and the claimed size, which is padded to 2048.
 _SIZES = (1, *sorted({*_BUCKETS[:-1], *(count + 1 for count in _BUCKETS[:6])}), _CLAIMED)
 # Exponents are fitted in two ranges: overhead dominates every call in the first, and none in the second.
 _FITS = {"small": (4, 96), "large": (384, 1536)}

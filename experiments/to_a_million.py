@@ -2,7 +2,7 @@
 
 A million shapes are more than one call holds, so they are cut into shards. Each pair of shards is one task: a call of
 `jhd.nearest_shapes` or `jhd.pairs_within` on some worker of any executor. Results are merged: of the nearest shapes in
-each shard, the nearest one is kept. Here such calls are measured on pairs of shards of 500 to 4 000 letters of the
+each shard, the nearest one is kept. Here such calls are measured on pairs of shards of 500 to 4000 letters of the
 DejaVu fonts, drawn at random, no letter in both. Measured are CPU seconds of pivot distances and of the rest, the
 number of searched distances, and the bytes sent for a shape. Blocks of `jhd.pairwise` give the price of one distance.
 
@@ -12,7 +12,7 @@ tasks are independent, so the best bounds of one shard do not help the next. Not
 which would need fewer pivot distances and fewer searches.
 
 Claims: the merged nearest shapes of two half shards equal those of the whole shard, within the proven bounds. In shards
-of 4 000 less than a hundredth of the distances is searched for. All pairs of a million take a thousand cores days and
+of 4000 less than a hundredth of the distances is searched for. All pairs of a million take a thousand cores days and
 terabytes, the nearest of each an hour and all near-duplicates minutes.
 
 Feeds: figure and table "to a million".

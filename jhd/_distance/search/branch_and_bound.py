@@ -60,7 +60,7 @@ class BranchAndBound(AbstractHausdorffMethod):
             larger. The box holds control points, vertices and the boxes of implicit surfaces: see `bounds` of each
             shape. If rounding prevents the given tolerance, the result is RESULTS.gap_not_closed.
         max_steps: largest number of steps. For Hausdorff distances a step cuts four cells (implicit surfaces: 32,
-            meshes: 16384); for minimum distances see `minimum_distance`.
+            meshes: 16 384); for minimum distances see `minimum_distance`.
         queue_size: initial size of the queue of open cells, at least twice the number of segments of `a`. Outside jit
             and vmap it grows automatically for curves and minimum distances. Implicit surfaces use 32 times this size,
             rounded up to a power of two, and scale the nearest-point search with it. Meshes hold 2048 times as many
