@@ -75,7 +75,7 @@ def _by_cells(run: Run, a: Any, b: Any, count: int, rule: str) -> dict[str, Any]
     numbers["kept"] = [int(found.stats[f"a_to_b_cells_{name}"]) for name in "ab"]
     # Both directions, with both ends of the interval for each.
     numbers["pairs"] = 2 * math.prod(numbers["kept"])
-    numbers["voxelize"] = seconds(lambda: [jhd.voxelize(x, count, ranges).proven for x in (a, b)], repeats)
+    numbers["voxelize"] = seconds(lambda: [jhd.voxelize(x, count, ranges=ranges).proven for x in (a, b)], repeats)
     for pairs in ("separable", "tiles"):
         if pairs == "separable" or count in TILED:
             numbers[pairs] = seconds(lambda pairs=pairs: whole(pairs).upper, repeats)

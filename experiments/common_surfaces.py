@@ -42,7 +42,7 @@ def kept(shape: jhd.ImplicitSurface, cells: int, ranges: str) -> dict[str, Any]:
         nonlocal tested
         levels[progress.done], tested = (int(progress.details[name]) for name in ("kept", "tested"))
 
-    voxels = jhd.voxelize(shape, cells, ranges, report)
+    voxels = jhd.voxelize(shape, cells, ranges=ranges, progress=report)
     return {"levels": list(levels.values()), "tested": tested, "proven": int(voxels.proven.sum())}
 
 

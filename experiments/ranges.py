@@ -69,7 +69,7 @@ def _measured(run: Run, text: str, size: float, cells: int, fine: int) -> dict[s
         kind: {
             **kept(shape, cells, kind),
             "rate": _rate(shape, cells, kind, repeats),
-            "seconds": seconds(lambda kind=kind: jhd.voxelize(shape, fine, kind).proven, repeats),
+            "seconds": seconds(lambda kind=kind: jhd.voxelize(shape, fine, ranges=kind).proven, repeats),
         }
         for kind in KINDS
     }

@@ -93,7 +93,7 @@ def _found(a: jhd.ImplicitSurface, b: jhd.ImplicitSurface, method: Any) -> dict[
 
 def _slice(shape: jhd.ImplicitSurface, plane: float) -> dict[str, Any]:
     """Return the kept cells of the layer that contains the plane, and which of them are proven to hold a point."""
-    voxels = jhd.voxelize(shape, SHOWN, "modified_affine")
+    voxels = jhd.voxelize(shape, SHOWN, ranges="modified_affine")
     layer = int((plane - float(voxels.lower[2])) / float(voxels.spacing[2]))
     here = np.asarray(voxels.cells)[:, 2] == layer
     return {

@@ -135,7 +135,7 @@ def deviation(
     found, pair, measure = _distributed(a, b, asked, counts, maximum, progress)
     deviation = _in_units(a, b, maximum, found, pair, measure)
     if throw:
-        known = deviation.reached(quantile)
+        known = deviation._reached(quantile)
         throw_unless_successful(deviation, known, relative_tolerance(known))
     return deviation
 

@@ -155,15 +155,8 @@ class Deviation(AbstractSolution):
         """
         return project(body_of(self.a).at(params), self.b, throw=False)
 
-    def reached(self, quantile: float | None = None) -> dict[str, Bounds]:
-        """The bounds of mean, root mean square and maximum, and of a quantile if one is given.
-
-        Args:
-            quantile: a fraction, as in `quantile`.
-
-        Returns:
-            A dictionary from names, as they appear in messages, to bounds.
-        """
+    def _reached(self, quantile: float | None = None) -> dict[str, Bounds]:
+        """The bounds of mean, root mean square and maximum, and of a quantile if one is given, by names in messages."""
         largest = Bounds(self.maximum.lower, self.maximum.upper)
         ends = {"the mean": self.mean, "the root mean square": self.rms, "the maximum": largest}
         return ends if quantile is None else ends | {f"the quantile {quantile:g}": self.quantile(quantile)}

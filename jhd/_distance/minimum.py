@@ -113,7 +113,7 @@ def minimum_distance(
     check_same_dim(first.dim, second.dim)
     hears = limited(method, progress, max_seconds)
     if isinstance(method, VoxelPairs):
-        solution = method.minimum(first, second)
+        solution = method._minimum(first, second)
     else:
         solution = _searched(first, second, method, hears)
     if throw:

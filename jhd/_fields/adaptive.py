@@ -91,7 +91,7 @@ class AdaptiveDistanceField(eqx.Module):
     @classmethod
     def build(
         cls,
-        mesh: ShapeLike,
+        surface: ShapeLike,
         tolerance: Numbers,
         mode: str = "band",
         *,
@@ -115,8 +115,8 @@ class AdaptiveDistanceField(eqx.Module):
         (0, True)
 
         Args:
-            mesh: mesh, parametric or implicit surface, or an object that jhd.as_shape converts to one.
-            tolerance: tolerance, positive, in the unit of the mesh.
+            surface: mesh, parametric or implicit surface, or an object that jhd.as_shape converts to one.
+            tolerance: tolerance, positive, in the unit of the surface.
             mode: "band" refines only the cells that may meet the surface; "full" refines all cells, as published.
             sign: how the side of a point is determined; see jhd.signed_distance. None means "winding", for all
                 meshes; if a mesh is not closed, the field jumps across its holes. "pseudonormal" is for closed meshes
@@ -142,22 +142,20 @@ class AdaptiveDistanceField(eqx.Module):
                 requested for an open parametric or implicit surface; `to_mesh` fails; or a method is given with another
                 mode or with a sign.
         """
-        shape, tolerance = taken_as("mesh", mesh), positive("tolerance", tolerance)
+        shape, tolerance = taken_as("surface", surface), positive("tolerance", tolerance)
         if method is not None and (mode != "full" or sign is not None):
             raise ValueError(f"mode is {mode!r} and sign {sign!r}; a method needs mode='full' and has its own signs.")
         sign = "winding" if sign is None else sign
         drawn = meshed(shape, tolerance, one_of("sign", sign, SIGNS))[0]
-        surface, power = _surface("mesh", drawn, sign, method)
+        known, power = _surface(drawn, sign, method)
         depth = whole("max_depth", max_depth, 0, DEEPEST)
         most = whole("max_cells", max_cells, 1, 1 << 27)
         grid = first_grid(drawn, tolerance) if method is None else bounding_cube(drawn)
         # A tolerance beyond floats in this unit refines all cells, or none.
         asked = _scaled(tolerance if drawn is shape else (1 - MESH_SHARE) * tolerance, -power)
-        tree = build_octree(
-            Task(surface, grid.scaled(-power), asked, one_of("mode", mode, MODES), depth, most, progress)
-        )
+        tree = build_octree(Task(known, grid.scaled(-power), asked, one_of("mode", mode, MODES), depth, most, progress))
         numbers = (grid.lower, np.ldexp(grid.side, -tree.depth), _scaled(tree.values, power), tolerance)
-        lower, spacing, values, tolerance_ = (jnp.asarray(x, surface.dtype) for x in numbers)
+        lower, spacing, values, tolerance_ = (jnp.asarray(x, known.dtype) for x in numbers)
         names = ("roots", "nodes", "places", "widths", "corners")
         integers = {name: jnp.asarray(getattr(tree, name), jnp.int32) for name in names}
         return cls(
@@ -167,7 +165,7 @@ class AdaptiveDistanceField(eqx.Module):
             tolerance=tolerance_,
             depth=tree.depth,
             mode=mode,
-            sign=surface.sign,
+            sign=known.sign,
             unresolved=tree.unresolved,
             **integers,
         )
@@ -242,14 +240,14 @@ class AdaptiveDistanceField(eqx.Module):
         found = extracted(leaves, low, high, count, known._numbers)
         return TriangleMesh(np.ldexp(np.asarray(found.vertices), power), found.triangles)
 
-    def sampled_error(self, mesh: ShapeLike, samples: int = 100_000, seed: int = 0) -> float:
+    def sampled_error(self, surface: ShapeLike, samples: int = 100_000, seed: int = 0) -> float:
         """Largest |field - distance| at random points: in the band for mode "band", in the box for mode "full".
 
         The band consists of the leaves that may meet the surface; points are uniform in the band. For a parametric or
         implicit surface, the distance is measured to the mesh that `build` made of the surface.
 
         Args:
-            mesh: surface from which the field was built.
+            surface: surface from which the field was built.
             samples: number of points, at least 1.
             seed: seed of the random numbers, at least 0.
 
@@ -257,21 +255,21 @@ class AdaptiveDistanceField(eqx.Module):
             The largest error found, in the unit of the mesh: a lower bound of the largest error.
 
         Raises:
-            TypeError: the input is no surface, a number is not whole, or the field or the mesh is traced.
+            TypeError: the input is no surface, a number is not whole, or the field or the surface is traced.
             ValueError: a number is out of range, or no leaf meets the mesh.
         """
-        surface, power = _surface("mesh", meshed(mesh, float(self._known().tolerance), self.sign)[0], self._kind)
+        mesh, power = _surface(meshed(surface, float(self._known().tolerance), self.sign)[0], self._kind)
         count = whole("samples", samples, 1, 1 << 31)
         random, known = np.random.default_rng(whole("seed", seed, 0, 1 << 63)), self._known()._times(-power)
-        boxes = known._boxes(surface)
+        boxes = known._boxes(mesh)
         volume = boxes.width**3
         chosen = random.choice(len(volume), count, p=volume / volume.sum())
-        points = (boxes.lower[chosen] + boxes.width[chosen, None] * random.random((count, 3))).astype(surface.dtype)
-        found = closest_points(surface.mesh, points)
-        exact = np.where(is_inner(surface, points, found, boxes.width[chosen]), -found.distance, found.distance)
+        points = (boxes.lower[chosen] + boxes.width[chosen, None] * random.random((count, 3))).astype(mesh.dtype)
+        found = closest_points(mesh.mesh, points)
+        exact = np.where(is_inner(mesh, points, found, boxes.width[chosen]), -found.distance, found.distance)
         return float(_scaled(np.max(np.abs(known._numbers(points) - exact)), power))
 
-    def proven_error(self, mesh: ShapeLike, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
+    def proven_error(self, surface: ShapeLike, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
         """Certified upper bound of |field - signed distance|: in the band for mode "band", in the box for mode "full".
 
         The sign of the distance is given by the winding number (a field without signs is compared with the unsigned
@@ -284,7 +282,7 @@ class AdaptiveDistanceField(eqx.Module):
         The side can differ from the side of the surface only within the certified error of that mesh.
 
         Args:
-            mesh: surface from which the field was built, or any other.
+            surface: surface from which the field was built, or any other.
             rtol: allowed excess of the bound over the largest error seen, relative to that error; positive.
             max_boxes: number of boxes beyond which no box is split. All leaves are examined in any case.
 
@@ -292,17 +290,17 @@ class AdaptiveDistanceField(eqx.Module):
             The bound, in the unit of the mesh.
 
         Raises:
-            TypeError: the input is no surface, a number has the wrong type, or the field or the mesh is traced.
+            TypeError: the input is no surface, a number has the wrong type, or the field or the surface is traced.
             ValueError: the mesh is not closed and consistently oriented, so its signed distance jumps; a number is out
                 of range; or no leaf meets the mesh.
         """
-        mesh, deviation = meshed(mesh, float(self._known().tolerance), self.sign)
-        surface, power = _surface("mesh", mesh, self._kind)
-        if not surface.linked:
+        drawn, deviation = meshed(surface, float(self._known().tolerance), self.sign)
+        mesh, power = _surface(drawn, self._kind)
+        if not mesh.linked:
             needed = "a mesh whose edges are each traversed equally often in both directions"
             raise ValueError(f"proven_error needs {needed}; otherwise the signed distance jumps across the holes.")
         ratio, most = positive("rtol", rtol), whole("max_boxes", max_boxes, 1, 1 << 31)
-        error = largest_error(surface, self._known()._times(-power)._boxes(surface), ratio, most)
+        error = largest_error(mesh, self._known()._times(-power)._boxes(mesh), ratio, most)
         bound = np.nextafter(_scaled(error, power), np.inf)
         return float(np.nextafter(bound + deviation, np.inf) if deviation else bound)
 
@@ -434,11 +432,11 @@ def _check_leaves(known: dict[str, Any]) -> None:
         )
 
 
-def _surface(name: str, mesh: Any, sign: str = "winding", method: HasSearch | None = None) -> tuple[Surface, int]:
+def _surface(mesh: Any, sign: str = "winding", method: HasSearch | None = None) -> tuple[Surface, int]:
     """The mesh prepared in a unit of its own, and the power of two of this unit."""
-    check_mesh(name, mesh)
+    check_mesh("surface", mesh)
     if is_traced(mesh):
-        raise TypeError(f"{name} is traced; needs concrete numbers, as the cells depend on them.")
+        raise TypeError("surface is traced; needs concrete numbers, as the cells depend on them.")
     unit, power = in_unit(mesh)
     return surface_of(unit, sign, None if method is None else method._search), power
 

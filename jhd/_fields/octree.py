@@ -81,6 +81,7 @@ class Voxels(eqx.Module):
 def voxelize(
     surface: ImplicitSurface,
     cells: int,
+    *,
     ranges: str = "bernstein",
     progress: Callback | None = None,
 ) -> Voxels:

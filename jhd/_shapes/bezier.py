@@ -51,12 +51,7 @@ class BezierCurve(AbstractCurve):
         """Degree of the curve."""
         return self.control_points.shape[-2] - 1
 
-    def with_homogeneous(self, homogeneous: Array) -> "BezierCurve":
-        """A curve from homogeneous control points, rational if this curve is.
-
-        Args:
-            homogeneous: control points times weights and then the weights, or control points if there are none.
-        """
+    def _with_homogeneous(self, homogeneous: Array) -> "BezierCurve":
         return BezierCurve(*cartesian(homogeneous, self.weights is not None))
 
     def __call__(self, t: Numbers) -> Array:
@@ -88,7 +83,7 @@ class BezierCurve(AbstractCurve):
             ValueError: t is outside this range.
         """
         left, right = split(self.homogeneous, checked_between("t", t, 0.0, 1.0))
-        return self.with_homogeneous(left), self.with_homogeneous(right)
+        return self._with_homogeneous(left), self._with_homogeneous(right)
 
     def restrict(self, t0: Numbers, t1: Numbers) -> "BezierCurve":
         """The part of the curve over [t0, t1], reparametrized to [0, 1].
@@ -104,7 +99,7 @@ class BezierCurve(AbstractCurve):
             ValueError: a parameter outside [0, 1].
         """
         ends = checked_parameter("t0", t0), checked_parameter("t1", t1)
-        return self.with_homogeneous(restrict(self.homogeneous, *ends))
+        return self._with_homogeneous(restrict(self.homogeneous, *ends))
 
     def elevate(self, degree: int) -> "BezierCurve":
         """The same curve in a higher degree.
@@ -118,7 +113,7 @@ class BezierCurve(AbstractCurve):
         Raises:
             ValueError: `degree` is below the degree of the curve.
         """
-        return self.with_homogeneous(elevate(self.homogeneous, degree))
+        return self._with_homogeneous(elevate(self.homogeneous, degree))
 
     def reverse(self) -> "BezierCurve":
         """The same point set, traversed in the opposite direction: t becomes 1 - t."""

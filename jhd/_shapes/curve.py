@@ -230,13 +230,7 @@ class BezierSegments(AbstractCurve):
         """Degree of the segments."""
         return self.control_points.shape[-2] - 1
 
-    def with_homogeneous(self, homogeneous: Array, next_segment: Array | None = None) -> "BezierSegments":
-        """Segments from homogeneous control points, rational if this curve is.
-
-        Args:
-            homogeneous: control points times weights and then the weights, or control points if there are none.
-            next_segment: joints, in the form that the class takes; None joins ends that agree.
-        """
+    def _with_homogeneous(self, homogeneous: Array, next_segment: Array | None = None) -> "BezierSegments":
         return BezierSegments(*cartesian(homogeneous, self.weights is not None), next_segment)
 
     @staticmethod
@@ -349,7 +343,7 @@ class BezierSegments(AbstractCurve):
             ValueError: a parameter outside [0, 1].
         """
         ends = [jnp.broadcast_to(checked_parameter(name, t), (self.count,)) for name, t in (("t0", t0), ("t1", t1))]
-        return self.with_homogeneous(jax.vmap(restrict)(self.homogeneous, *ends))
+        return self._with_homogeneous(jax.vmap(restrict)(self.homogeneous, *ends))
 
     def elevate(self, degree: int) -> "BezierSegments":
         """The same curve in a higher degree.
@@ -363,7 +357,7 @@ class BezierSegments(AbstractCurve):
         if degree == self.degree:
             # The way through homogeneous coordinates rounds.
             return self
-        return self.with_homogeneous(elevate(self.homogeneous, degree), self.next_segment)
+        return self._with_homogeneous(elevate(self.homogeneous, degree), self.next_segment)
 
     def reverse(self) -> "BezierSegments":
         """The same point set, traversed in the opposite direction."""

@@ -11,14 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jhd._arithmetic.scaling import length
+from jhd._arithmetic.scaling import ldexp, length
 from jhd._results.display import batch_text, box_text, count_text, described, is_known, opaque
 from jhd._runtime.argument_hints import takes
 from jhd._runtime.arrays import array_of, bare_array, is_traced, module_of, on_host, real_array
 from jhd._shapes import sketches
 from jhd._shapes.checks import Numbers
 from jhd._shapes.foreign import HasVertices, PolyData, Trimesh
-from jhd._shapes.homogeneous import affine_image, in_unit, out_of_unit
+from jhd._shapes.homogeneous import affine_image, in_unit
 
 # Scenes of trimesh, grids of PyVista.
 _WAYS_TO_MESHES = ("to_mesh", "extract_surface")
@@ -149,7 +149,7 @@ class TriangleMesh(eqx.Module):
     def area(self) -> Float[Array, ""]:
         """Sum of the areas of all triangles."""
         _, sizes, power = self._doubled_areas()
-        return array_of(out_of_unit(0.5 * sizes.sum(), 2 * power))
+        return array_of(ldexp(0.5 * sizes.sum(), 2 * power))
 
     @property
     @np.errstate(over="ignore")
@@ -162,7 +162,7 @@ class TriangleMesh(eqx.Module):
         corners, _, power, _ = in_unit(self.corners, None)
         center = 0.5 * (corners.min(axis=(-3, -2)) + corners.max(axis=(-3, -2)))
         a, b, c = module_of(corners).moveaxis(corners - center, -2, 0)
-        return array_of(out_of_unit((a * module_of(corners).cross(b, c)).sum() / 6, 3 * power))
+        return array_of(ldexp((a * module_of(corners).cross(b, c)).sum() / 6, 3 * power))
 
     @property
     def is_closed(self) -> bool:
@@ -226,7 +226,7 @@ class TriangleMesh(eqx.Module):
         triangles = array_of(xp.where(mirrored, triangles[:, np.array([0, 2, 1])], triangles))
         return TriangleMesh(affine_image(self.vertices, matrix, offset), triangles)
 
-    def _doubled_areas(self) -> tuple[Array, Array, Any]:
+    def _doubled_areas(self) -> tuple[Any, Any, Any]:
         """Normals as long as twice the area, these lengths, and the power of two that is the unit of the corners."""
         corners, _, power, _ = in_unit(self.corners, None)
         a, b, c = module_of(corners).moveaxis(corners, -2, 0)

@@ -242,12 +242,7 @@ class BezierPatch(AbstractPatch):
         """Degrees in u and in v."""
         return self.control_points.shape[-3] - 1, self.control_points.shape[-2] - 1
 
-    def with_homogeneous(self, homogeneous: Array) -> "BezierPatch":
-        """A patch from homogeneous control points, rational if this patch is.
-
-        Args:
-            homogeneous: control points times weights and then the weights, or control points if there are none.
-        """
+    def _with_homogeneous(self, homogeneous: Array) -> "BezierPatch":
         return BezierPatch(*cartesian(homogeneous, self.weights is not None))
 
     def _value(self, u: Array, v: Array) -> Array:
@@ -274,7 +269,7 @@ class BezierPatch(AbstractPatch):
         if axis not in (0, 1):
             raise ValueError(f"axis is {axis!r}; needs 0 (cut at u = t) or 1 (cut at v = t).")
         left, right = bernstein.split(self.homogeneous, checked_between("t", t, 0.0, 1.0), axis=axis)
-        return self.with_homogeneous(left), self.with_homogeneous(right)
+        return self._with_homogeneous(left), self._with_homogeneous(right)
 
     def restrict(self, u0: Numbers, u1: Numbers, v0: Numbers, v1: Numbers) -> "BezierPatch":
         """The part of the patch over [u0, u1] x [v0, v1], reparametrized to the unit square.
@@ -290,7 +285,7 @@ class BezierPatch(AbstractPatch):
         """
         ends = [checked_parameter(name, t) for name, t in zip(("u0", "u1", "v0", "v1"), (u0, u1, v0, v1), strict=True)]
         part = bernstein.restrict(self.homogeneous, ends[0], ends[1], axis=0)
-        return self.with_homogeneous(bernstein.restrict(part, ends[2], ends[3], axis=1))
+        return self._with_homogeneous(bernstein.restrict(part, ends[2], ends[3], axis=1))
 
     def elevate(self, degree_u: int, degree_v: int) -> "BezierPatch":
         """The same patch in higher degrees.
@@ -303,7 +298,7 @@ class BezierPatch(AbstractPatch):
             ValueError: a degree is below the current one.
         """
         raised = bernstein.elevate(self.homogeneous, degree_u, axis=0)
-        return self.with_homogeneous(bernstein.elevate(raised, degree_v, axis=1))
+        return self._with_homogeneous(bernstein.elevate(raised, degree_v, axis=1))
 
 
 class BezierPatches(AbstractPatch):

@@ -391,7 +391,7 @@ def test_files_that_are_no_archive_are_refused_with_their_name(tmp_path):
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"mesh": "bunny"}, TypeError, "mesh"),
+        ({"surface": "bunny"}, TypeError, "surface"),
         ({"tolerance": 0.0}, ValueError, "tolerance is 0; needs a positive number"),
         ({"tolerance": -1e-3}, ValueError, "tolerance is -0.001"),
         ({"tolerance": np.nan}, ValueError, "tolerance is not finite"),
@@ -405,7 +405,7 @@ def test_files_that_are_no_archive_are_refused_with_their_name(tmp_path):
 )
 def test_what_cannot_be_built_is_refused(options, error, message):
     with pytest.raises(error, match=message):
-        AdaptiveDistanceField.build(**{"mesh": block(), "tolerance": 1e-2, **options})
+        AdaptiveDistanceField.build(**{"surface": block(), "tolerance": 1e-2, **options})
 
 
 def test_bad_questions_to_a_field_are_refused(full):

@@ -86,7 +86,7 @@ SPHERES = {
 def check_sphere(case, ranges):
     center, radius_sq, lower, upper, cells, unproven = SPHERES[case]
     true = cells_of_sphere(center, radius_sq, lower, upper, cells)
-    kept, proven = grids(voxelize(sphere(center, radius_sq, lower, upper), cells, ranges), cells)
+    kept, proven = grids(voxelize(sphere(center, radius_sq, lower, upper), cells, ranges=ranges), cells)
     assert not np.any(true & ~kept)
     assert not np.any(proven & ~true)
     assert np.sum(true & ~proven) <= unproven
@@ -113,7 +113,7 @@ CONES = ("x^2/4 + y^2/4 - z^2/9", "x^2/16 + y^2/4 - z^2/9")
 
 @pytest.mark.parametrize(("text", "counts"), [(CONES[0], (8464, 8440)), (CONES[1], (12440, 12264))])
 def test_the_cones_of_the_paper_have_its_numbers_of_cells(text, counts):
-    found = voxelize(parsed(text), 64, "modified_affine"), voxelize(parsed(text), 64)
+    found = voxelize(parsed(text), 64, ranges="modified_affine"), voxelize(parsed(text), 64)
     assert tuple(v.count for v in found) == counts
     fewer, more = (set(map(tuple, np.asarray(v.cells))) for v in found[::-1])
     assert fewer < more
@@ -206,7 +206,7 @@ def test_progress_tells_the_level_and_the_counts():
 )
 def test_other_options_are_refused(cells, ranges, kind, message):
     with pytest.raises(kind, match=message):
-        voxelize(parsed("z"), cells, ranges)
+        voxelize(parsed("z"), cells, ranges=ranges)
 
 
 @pytest.mark.usefixtures("as_a_user")
@@ -242,7 +242,7 @@ def test_cells_of_any_polynomial_agree_with_exact_signs(seed):
     if not true.any():
         return
     for ranges in ("bernstein", "modified_affine", "horner"):
-        kept, proven = grids(voxelize(surface, cells, ranges), cells)
+        kept, proven = grids(voxelize(surface, cells, ranges=ranges), cells)
         assert not np.any(true & ~kept) and not np.any(true & ~proven)
 
 
@@ -254,7 +254,9 @@ QUARTIC = "x^4 - 5*x^2 + y^4 - 5*y^2 + z^4 - 5*z^2 + 11.8"
 @pytest.mark.slow
 @pytest.mark.parametrize("text", [BARTH, QUARTIC])
 def test_bernstein_coefficients_keep_fewer_cells_and_most_are_proven(text):
-    found = {ranges: voxelize(parsed(text), 64, ranges) for ranges in ("bernstein", "modified_affine", "interval")}
+    found = {
+        ranges: voxelize(parsed(text), 64, ranges=ranges) for ranges in ("bernstein", "modified_affine", "interval")
+    }
     counts = [found[ranges].count for ranges in ("bernstein", "modified_affine", "interval")]
     assert counts == sorted(counts) and counts[0] < counts[1] < counts[2]
     proven = {int(voxels.proven.sum()) for voxels in found.values()}

@@ -129,7 +129,7 @@ class CubeIntervals(AbstractHausdorffMethod):
         check_surface("a", a)
         check_surface("b", b)
         ranges = "bernstein" if self.rule == "safe" else "modified_affine"
-        voxels = [voxelize(surface, self.cells, ranges, progress) for surface in (a, b)]
+        voxels = [voxelize(surface, self.cells, ranges=ranges, progress=progress) for surface in (a, b)]
         # Largest grid whose cells are all held in one array, 64 MB.
         common = _on_one_grid if _same_cube(a, b) and self.cells <= 256 else _on_two_grids
         return common((a, b), voxels, self.cells)

@@ -260,20 +260,8 @@ class VoxelPairs(AbstractMethod):
         """Whether both shapes are surfaces."""
         return isinstance(a, _SERVED) and isinstance(b, _SERVED)
 
-    def minimum(self, a: ShapeLike, b: ShapeLike) -> MinimumSolution:
-        """The distance of the nearest samples, as a solution without bounds; called by `jhd.minimum_distance`.
-
-        Args:
-            a: an implicit surface, a parametric surface or a mesh.
-            b: a surface of any of these kinds.
-
-        Returns:
-            A MinimumSolution with RESULTS.not_certified.
-
-        Raises:
-            TypeError: a shape of another kind, or a call under tracing.
-            ValueError: a surface without points in its box, too many cubes, or no sample in the nearest cubes.
-        """
+    def _minimum(self, a: ShapeLike, b: ShapeLike) -> MinimumSolution:
+        """The distance of the nearest samples, as a solution without bounds; called by `jhd.minimum_distance`."""
         found = self.pairs(a, b)
         best = int(np.argmin(found.distance)) if self.ties == "all" else 0
         if not np.isfinite(found.distance[best]):

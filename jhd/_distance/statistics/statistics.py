@@ -206,7 +206,7 @@ class AbstractStatistic(eqx.Module):
         # Compiled functions take subnormal numbers for zero.
         value = carrying(inside, value) if is_traced(value) else inside
         solution = StatisticSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result)
-        return _Directed(solution, Estimated(value, off), found.reached(getattr(self, "q", None)))
+        return _Directed(solution, Estimated(value, off), found._reached(getattr(self, "q", None)))
 
     @abstractmethod
     def _bounds(self, found: Deviation) -> Bounds:
