@@ -34,7 +34,8 @@ AbstractPatch.to_mesh(tolerance, *, max_triangles=2000000)
 AbstractPatch.transform(matrix, offset=0.0)
 AbstractResult.to_json(**options)
 AbstractSolution.__getitem__(index)
-AbstractStatistic.__call__(a, b, *, weights=None, rtol=0.001, atol=None, throw=True)
+AbstractStatistic.__call__(a, b, *, weights=None, rtol=0.001, atol=None, throw=True, max_seconds=None,
+    progress=None)
 AbstractStatistic.estimate(a, b, weights=None, nodes=None)
 AdaptiveDistanceField(lower, spacing, roots, nodes, places, widths, corners, values, tolerance, depth, mode, sign,
     unresolved)

@@ -381,6 +381,8 @@ def test_a_time_limit_ends_a_step_and_leaves_true_bounds(monkeypatch, after):
     assert sum(bounded) <= 2 * after
     assert encloses(found.mean, 0.5) and encloses(found.rms, 3**-0.5)
     assert encloses(found.quantile(0.5), 0.5) and encloses(found.fraction_within(0.25), 0.25)
+    known = jhd.MeanDistance()(zigzag, jhd.point_set([(0.0, 0.0)]), rtol=1e-9, max_seconds=60, throw=False)
+    assert known.result == jhd.RESULTS.out_of_time and known.lower <= 0.5 <= known.upper
 
 
 def triangulated(net: np.ndarray, count: int) -> tuple[Any, jhd.TriangleMesh]:

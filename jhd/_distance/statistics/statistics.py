@@ -26,7 +26,7 @@ from jhd._distance.normalization.custom_derivatives import carrying
 from jhd._distance.normalization.host_callback import answer_in_program
 from jhd._distance.search.bodies import body_of
 from jhd._distance.search.body import dtype_of
-from jhd._distance.search.branch_and_bound import BranchAndBound
+from jhd._distance.search.branch_and_bound import BranchAndBound, limited
 from jhd._distance.statistics.distances_along import check_size, common_scale, distances_along, scaled_net
 from jhd._distance.statistics.error_control import Estimated
 from jhd._distance.statistics.pointwise import Sight
@@ -40,6 +40,7 @@ from jhd._runtime.decimals import interval_text
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers, optional_array
 from jhd._triangles.closest_point import outward
+from jhd.progress import Callback
 
 # Newton's steps for the level of a quantile if the number of nodes is given.
 _FEW_STEPS = 3
@@ -110,6 +111,8 @@ class AbstractStatistic(eqx.Module):
         rtol: Numbers = 1e-3,
         atol: Numbers | None = None,
         throw: bool = True,
+        max_seconds: float | None = None,
+        progress: Callback | None = None,
     ) -> StatisticSolution:
         """The statistic with certified bounds; its value is differentiable in both shapes and in the weights.
 
@@ -125,6 +128,9 @@ class AbstractStatistic(eqx.Module):
             atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default the tolerance of
                 `deviation`, or of `hausdorff` for MaxDistance().
             throw: whether to raise NotProvenError if the bounds do not close; by default True.
+            max_seconds: wall time in seconds after which the searches end with the bounds reached, and the value is
+                computed; by default no limit. Ignored under jit.
+            progress: a function that is called with a Progress from time to time; ignored under jit.
 
         Returns:
             A StatisticSolution: value, bounds and direction.
@@ -141,9 +147,10 @@ class AbstractStatistic(eqx.Module):
             shapes, options = _with_weights(a, b, counts)
             options |= {"atol": atol, "rtol": rtol}
             return answer_in_program(partial(_known, self), partial(_refused, dtype_of(a)), shapes, options)
-        found = self._one_way(a, b, counts, atol, rtol)
+        hears = limited(BranchAndBound(), progress, max_seconds)
+        found = self._one_way(a, b, counts, atol, rtol, hears)
         if not self.directed:
-            back = self._one_way(b, a, None, atol, rtol)
+            back = self._one_way(b, a, None, atol, rtol, hears)
             turned = eqx.tree_at(lambda x: x.direction, back.solution, DIRECTIONS.b_to_a)
             found = _larger(found, back._replace(solution=turned))
         if throw and not is_traced(found.solution.result):
@@ -195,10 +202,11 @@ class AbstractStatistic(eqx.Module):
         found = found if nodes is None else [x._replace(off=0.0) for x in found]
         return found[0] if self.directed else found[0].larger(found[1])
 
-    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> "_Directed":
+    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any, hears: Callback | None) -> "_Directed":
         """Return the directed statistic."""
         *known, counts = undifferentiated((a, b, weights))
-        found = deviation(*known, atol=atol, rtol=rtol, quantile=getattr(self, "q", None), weights=counts, throw=False)
+        options: dict[str, Any] = {"quantile": getattr(self, "q", None), "weights": counts, "progress": hears}
+        found = deviation(*known, atol=atol, rtol=rtol, throw=False, **options)
         bounds = self._bounds(found)
         value, off = self._value(a, b, weights, None)
         lower, upper = _rounded_outward(bounds, np.dtype(value.dtype))
@@ -235,10 +243,10 @@ class MaxDistance(AbstractStatistic):
     directed: bool = eqx.field(default=False, static=True, converter=_directed)
     weights: Array | None = eqx.field(default=None, init=False)
 
-    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> _Directed:
+    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any, hears: Callback | None) -> _Directed:
         if weights is not None:
             raise ValueError("MaxDistance() accepts no weights; leave out the points that do not count.")
-        found = directed_hausdorff(a, b, BranchAndBound(atol=atol), throw=False)
+        found = directed_hausdorff(a, b, BranchAndBound(atol=atol), throw=False, progress=hears)
         solution = StatisticSolution(found.value, found.lower, found.upper, DIRECTIONS.a_to_b, found.result)
         return _Directed(solution, Estimated(found.value, 0.0), {})
 
