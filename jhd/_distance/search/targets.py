@@ -13,6 +13,7 @@ from jhd._distance.normalization.host_callback import from_host
 from jhd._distance.search.bodies import body_of, target_of
 from jhd._results.solution import RESULTS, Projection, on_device, unchecked
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._shapes.as_shape import Shape
 from jhd._shapes.checks import Numbers
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import AbstractPatch
@@ -46,14 +47,14 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
     return on_device(jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found))
 
 
-def _with_derivatives(found: Projection, points: Array, shape: AbstractPatch | ImplicitSurface) -> Projection:
+def _with_derivatives(found: Projection, points: Array, shape: Shape) -> Projection:
     if not is_traced(points, shape):
         return found
     return body_of(working(shape)).with_foot_derivatives(on_device(found), points.reshape(-1, points.shape[-1]))
 
 
-def proven_with_derivatives(found: Any, points: Array, shape: AbstractPatch | ImplicitSurface) -> Array:
-    """Return the distances found, differentiable in the points and in the surface."""
+def proven_with_derivatives(found: Any, points: Array, shape: Shape) -> Array:
+    """Return the distances found, differentiable in the points and in the shape."""
     return _with_derivatives(on_device(_projection(*_ended(found))), points, shape).distance
 
 
