@@ -55,6 +55,13 @@ def assert_is(solution, exact):
     assert solution.lower <= solution.value <= solution.upper
 
 
+@pytest.mark.parametrize("plane", PLANES)
+def test_answers_beside_points_have_one_form_in_compiled_functions_too(plane):
+    pair = PLANES[plane], jhd.point_set([[0.0, 0.0, 2.0], [1.0, 0.0, 1.0]])
+    found, known = jax.jit(jhd.hausdorff)(*pair), jhd.hausdorff(*pair)
+    assert (found.value, found.lower, found.upper) == (known.value, known.lower, known.upper)
+
+
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("plane", PLANES)
 def test_curves_and_planes_are_as_far_as_their_formulas_say(plane):

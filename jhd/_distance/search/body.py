@@ -221,7 +221,7 @@ class AbstractBody(ABC):
 
     def form(self, other: "AbstractBody") -> AnswerForm:
         """Return shapes and types of every answer about the distance from it to another shape."""
-        feet = FEET if self.dimension else other.feet_named
+        feet = other.feet_named if self.dimension == 0 else FEET
         return AnswerForm(dtype_of(self.shape), self.shape.dim, feet, self.parameters, other.parameters, self.counts)
 
     def search(self, other: "AbstractBody", method: BranchAndBound, aim: Aim) -> AbstractSearch:
