@@ -220,7 +220,7 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(*args, allow_abbrev=False, **options)
 
     def parse_known_args(self, *args: Any, **options: Any) -> Any:
-        """As of argparse, but words that are not known raise ValueError, with the nearest option if one is near."""
+        """Parse as argparse does. Unknown words raise ValueError; its message names the nearest option, if any."""
         found, unknown = super().parse_known_args(*args, **options)
         if unknown:
             known = re.findall(r"--[a-z-]+", self.format_usage())

@@ -222,7 +222,7 @@ class Table(NamedTuple):
 
 
 def aligned(numbers):
-    """An array at an address of whose memory JAX makes no copy on CPUs."""
+    """An array that is aligned so that JAX on CPUs shares its memory."""
     numbers = np.asarray(numbers, float)
     room = np.empty(numbers.nbytes + 64, np.uint8)
     start = -room.ctypes.data % 64

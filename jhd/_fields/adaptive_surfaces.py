@@ -30,7 +30,7 @@ def meshed(shape: Any, tolerance: float, sign: str = "none") -> tuple[Any, float
         return shape, 0.0
     mesh, deviation = shape.to_mesh(MESH_SHARE * tolerance)
     if sign != "none" and not mesh.is_closed:
-        raise ValueError("the surface is open, so it has no inside; take the sign 'none' for unsigned distances.")
+        raise ValueError("the surface is open, so it has no inside; the sign 'none' gives unsigned distances.")
     if mesh.is_closed and _signed_volume(mesh) < 0:
         mesh = TriangleMesh(mesh.vertices, np.asarray(mesh.triangles)[:, [0, 2, 1]])
     return mesh, deviation

@@ -111,7 +111,7 @@ def load_described(what: str, file: str | Path, kinds: Kinds) -> Any:
     except ParseError as error:
         if Path(file).suffix.lower() == ".json":
             raise
-        message = f"{error.reason[:-1]}; load_{what} reads JSON files, and load_shape other formats."
+        message = f"{error.reason[:-1]}; load_shape reads formats other than JSON."
         raise ParseError(message, file, error.line, error.column) from None
     try:
         return built(what, content, kinds)

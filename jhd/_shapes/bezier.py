@@ -52,6 +52,7 @@ class BezierCurve(AbstractCurve):
         return self.control_points.shape[-2] - 1
 
     def _with_homogeneous(self, homogeneous: Array) -> "BezierCurve":
+        """The curve of these homogeneous control points, rational if this curve is."""
         return BezierCurve(*cartesian(homogeneous, self.weights is not None))
 
     def __call__(self, t: Numbers) -> Array:

@@ -231,6 +231,7 @@ class BezierSegments(AbstractCurve):
         return self.control_points.shape[-2] - 1
 
     def _with_homogeneous(self, homogeneous: Array, next_segment: Array | None = None) -> "BezierSegments":
+        """The segments of these homogeneous control points, rational if this curve is."""
         return BezierSegments(*cartesian(homogeneous, self.weights is not None), next_segment)
 
     @staticmethod

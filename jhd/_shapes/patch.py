@@ -243,6 +243,7 @@ class BezierPatch(AbstractPatch):
         return self.control_points.shape[-3] - 1, self.control_points.shape[-2] - 1
 
     def _with_homogeneous(self, homogeneous: Array) -> "BezierPatch":
+        """The patch of these homogeneous control points, rational if this patch is."""
         return BezierPatch(*cartesian(homogeneous, self.weights is not None))
 
     def _value(self, u: Array, v: Array) -> Array:

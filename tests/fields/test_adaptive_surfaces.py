@@ -68,7 +68,7 @@ def from_square(points):
 
 @pytest.mark.slow
 def test_an_open_patch_has_no_inside_and_its_field_is_without_signs():
-    with pytest.raises(ValueError, match="the surface is open, so it has no inside; take the sign 'none'"):
+    with pytest.raises(ValueError, match="the surface is open, so it has no inside; the sign 'none'"):
         AdaptiveDistanceField.build(SQUARE, 0.1)
     field = AdaptiveDistanceField.build(SQUARE, 0.1, mode="full", sign="none")
     points = np.random.default_rng(0).uniform(field.lower, field.upper, size=(4000, 3))

@@ -159,7 +159,7 @@ def test_files_that_are_missing_or_no_text_or_no_object_are_refused(tmp_path):
     file.write_bytes(b"{\xff}")
     with pytest.raises(ParseError, match=r"bytes\.json: byte 1 is not UTF-8 text"):
         load_curve(file)
-    with pytest.raises(ParseError, match=r"bytes\.stl: byte 1 .*; load_curve reads JSON files, and load_shape other"):
+    with pytest.raises(ParseError, match=r"bytes\.stl: byte 1 .*; load_shape reads formats other than JSON"):
         load_curve(file.rename(tmp_path / "bytes.stl"))
     file.write_text("[1, 2]", encoding="utf-8")
     with pytest.raises(ParseError, match="A curve is a JSON object with a key 'type'; got list"):

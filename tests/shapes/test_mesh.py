@@ -62,7 +62,7 @@ def test_measures_of_tiny_and_huge_meshes_keep_their_digits():
         mesh = TriangleMesh(np.array(CORNER) * scale, TETRAHEDRON)
         with np.errstate(over="ignore"):
             exact = (1.5 + np.sqrt(3) / 2) * np.square(scale)
-        assert float(mesh.area) == pytest.approx(exact, rel=1e-14)
+        assert float(mesh.area) == pytest.approx(exact, rel=1e-14, abs=0)
         np.testing.assert_allclose(mesh.normals[2], np.full(3, 1 / np.sqrt(3)), rtol=1e-14)
 
 
