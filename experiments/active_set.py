@@ -7,8 +7,8 @@ both curves, the distance h and the optimality. The curve after k steps comes fr
 takes identical steps.
 
 Claims: the run starts with 1 of 4 pairs at the maximum and ends with 7 of 8, one more than there are parameters, equal
-to 1e-14; in 10 steps the distance falls from 2.94 to 0.281167221, proven to 1e-9, and the optimality from 0.4 to below
-1e-15.
+to 1e-14; in 10 steps the distance falls from 2.94 to 0.281167221, certified to 1e-9, and the optimality from 0.4 to
+below 1e-15.
 
 Feeds: figure "active set" and the table of steps.
 Takes: 2 minutes, 20 seconds once compiled.

@@ -5,11 +5,11 @@ quadratics, and a closed cubic spline of 24 control points. Tolerances go from 1
 The number of arcs is compared with theory. With curvature k and arc length s, a biarc of length L errs by
 |dk/ds| L^3 / 324. If all biarcs of a curve err by one tolerance e, the curve has 2 int |dk/ds|^(1/3) ds / (324 e)^(1/3)
 arcs. Halving can miss that number by a factor of two. Proven deviations are compared with the distances of samples of
-each piece from its arc, and with the Hausdorff distance of curve and arcs, proven by branch and bound.
+each piece from its arc, and with the Hausdorff distance of curve and arcs, certified by branch and bound.
 
 Claims: from a tolerance of 1e-4 on the number grows with its power -0.31 to -0.34, and is 1.3 to 2.0 times the number
-by theory; no sample lies beyond the deviation proven for its arc; the farthest sample and the Hausdorff distance,
-proven to a hundredth, both reach 0.84 to 0.955 of the largest deviation and agree to a hundredth.
+by theory; no sample lies beyond the deviation certified for its arc; the farthest sample and the Hausdorff distance,
+certified to a hundredth, both reach 0.84 to 0.955 of the largest deviation and agree to a hundredth.
 
 Feeds: figure "number of biarcs" and its table.
 Takes: 5 minutes, half a minute once compiled.
@@ -36,7 +36,7 @@ ASYMPTOTIC = 1e-4
 SAMPLES, NODES = 65, 20_000
 # The figure shows the arcs of this tolerance.
 DRAWN = 1e-3
-# Gap of the distance, as a fraction of the proven deviation; curves this close need more steps than the default.
+# Gap of the distance, as a fraction of the certified deviation; curves this close need more steps than the default.
 GAP, STEPS = 0.01, 50_000
 
 
@@ -89,13 +89,13 @@ def _measured(curve: jhd.BezierSegments, shares: list[float]) -> dict[str, Any]:
 
 
 def _at(curve: jhd.BezierSegments, share: float, diagonal: float) -> dict[str, Any]:
-    """Return the arcs for one tolerance, their proven and sampled deviations, and their distance from the curve."""
+    """Return the arcs for one tolerance, their certified and sampled deviations, and their distance from the curve."""
     arcs = jhd.biarcs(curve, share * diagonal)
-    proven, sampled = np.asarray(arcs.deviation), _sampled(curve, arcs)
-    most = float(proven.max())
+    certified, sampled = np.asarray(arcs.deviation), _sampled(curve, arcs)
+    most = float(certified.max())
     # The last term is the rounding error of the distance from a point to an arc.
-    if not (np.all(sampled <= proven + 1e-14 * diagonal) and most <= share * diagonal):
-        raise AssertionError(f"a deviation is not what is proven at {share:g} of the diagonal")
+    if not (np.all(sampled <= certified + 1e-14 * diagonal) and most <= share * diagonal):
+        raise AssertionError(f"a deviation is not what is certified at {share:g} of the diagonal")
     method = jhd.BranchAndBound(atol=GAP * most, max_steps=STEPS)
     distance = jhd.hausdorff(curve, arcs.segments(), method)
     if float(distance.lower) > most:
@@ -108,7 +108,7 @@ def _at(curve: jhd.BezierSegments, share: float, diagonal: float) -> dict[str, A
         "lines": int(np.sum(~curved)),
         "deviation": most,
         "sampled": float(sampled.max()),
-        "used": np.percentile((sampled / proven)[curved], [0, 50, 100]),
+        "used": np.percentile((sampled / certified)[curved], [0, 50, 100]),
         "lower": distance.lower,
         "upper": distance.upper,
         "result": name_of(distance.result),
@@ -160,8 +160,8 @@ def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _table(found: dict[str, Any]) -> str:
-    header = ["curve", "tolerance / diagonal", "arcs", "of them lines", "arcs / theory", "proven / tolerance"]
-    header += ["sampled / proven", "distance / proven: lower", "upper"]
+    header = ["curve", "tolerance / diagonal", "arcs", "of them lines", "arcs / theory", "certified / tolerance"]
+    header += ["sampled / certified", "distance / certified: lower", "upper"]
     rows = [
         [
             name,

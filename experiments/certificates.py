@@ -6,8 +6,8 @@ pair it is the directed distance, and also for two implicit surfaces, whose cert
 kinds it is the minimum distance, or a decision whether a distance is at most 1.1 or 0.9 times its value. The
 certificate is written to a file, which the checker reads as a standalone program that needs only Python's standard
 library. Then come two hundred forgeries of each certificate (common_forgeries.py): claims that contradict the bounds
-proven by the search, from one unit in the last place upward, or that belong to another direction or pair; proofs with a
-missing cell or a false statement; shapes with other numbers. Each forgery is written to a file and read by the
+certified by the search, from one unit in the last place upward, or that belong to another direction or pair; proofs
+with a missing cell or a false statement; shapes with other numbers. Each forgery is written to a file and read by the
 library's function, one also by the program. Sampled distances are a second check of the bounds.
 
 Claims: every pair gets a certificate of at most 100 cells, which is checked in less than a CPU second; no forgery is
@@ -167,7 +167,7 @@ def _checked(made: Made, others: list[Made], folder: Path, random: np.random.Gen
         "certify": made.seconds,
         "verify": spent,
         "within": within,
-        "proven": status == 0,
+        "certified": status == 0,
         "forgeries": Counter(forgery.group for forgery in tried),
         "changes": Counter(forgery.change for forgery in tried),
         "accepted": [x.change for x, answer in zip(tried, answers, strict=True) if answer == "accepted"],

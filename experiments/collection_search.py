@@ -7,7 +7,7 @@ distances of eight queries; its time is scaled to all queries.
 
 Claims: the nearest of 2000 takes at most 0.3 per cent of the distances and ten CPU seconds, the five nearest one per
 cent; the fraction falls as the number of shapes grows. Both results agree with all distances of the eight queries,
-within the proven bounds. Every shape that these distances prove to be among the nearest is found or named as a tie.
+within the certified bounds. Every shape that these distances prove to be among the nearest is found or named as a tie.
 
 Feeds: figure and table "nearest letters".
 Takes: 2 minutes.
@@ -75,7 +75,7 @@ def _search(queries: Glyphs, shapes: Glyphs, size: int, k: int, every: jhd.Pairw
 
 
 def _surely(lower: np.ndarray, upper: np.ndarray, k: int) -> set[int]:
-    """Return the shapes proven to be among the k nearest: fewer than k others may be as near."""
+    """Return the shapes certified to be among the k nearest: fewer than k others may be as near."""
     return {j for j in np.argsort(upper)[:k].tolist() if np.sum(lower <= upper[j]) <= k}
 
 

@@ -175,7 +175,7 @@ def seconds(function: Callable[[], Any], repeats: int) -> float:
 
 
 def bounds_text(lower: float, upper: float, digits: int) -> tuple[str, str]:
-    """Format both bounds with `digits` digits, rounded outward, so that the printed bounds are still proven."""
+    """Format both bounds with `digits` digits, rounded outward, so that the printed bounds are still certified."""
     ways = (lower, ROUND_FLOOR), (upper, ROUND_CEILING)
     low, high = (Context(prec=digits, rounding=way).create_decimal_from_float(float(x)) for x, way in ways)
     return f"{low.normalize()}", f"{high.normalize()}"

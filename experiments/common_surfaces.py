@@ -43,7 +43,7 @@ def kept(shape: jhd.ImplicitSurface, cells: int, ranges: str) -> dict[str, Any]:
         levels[progress.done], tested = (int(progress.details[name]) for name in ("kept", "tested"))
 
     voxels = jhd.voxelize(shape, cells, ranges=ranges, progress=report)
-    return {"levels": list(levels.values()), "tested": tested, "proven": int(voxels.proven.sum())}
+    return {"levels": list(levels.values()), "tested": tested, "certified": int(voxels.proven.sum())}
 
 
 def bounds(solution: jhd.HausdorffSolution) -> tuple[float, float]:

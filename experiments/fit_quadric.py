@@ -5,8 +5,8 @@ quartic without symmetry, a rounded box. The start is the least-squares fit to p
 `minimize_hausdorff` lowers the Hausdorff distance. Its model uses the gradients of both directions at all visited
 parameters: at the optimum several points are equally far, and the gradient of one of them gives no direction.
 
-Claims: the distance falls by 22 % from least squares to the end, both proven, in fewer than 40 evaluations; at the end
-a convex combination of the gradients nearby vanishes to 1e-8.
+Claims: the distance falls by 22 % from least squares to the end, both certified, in fewer than 40 evaluations; at the
+end a convex combination of the gradients nearby vanishes to 1e-8.
 Feeds: figure "an ellipsoid for a quartic" and its table.
 Takes: 2 minutes, half for compilation.
 """

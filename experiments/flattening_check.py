@@ -15,9 +15,9 @@ nearly one line.
 Claims: both conversions of fontTools keep max_err on every input. Agg's flattening keeps its half pixel on the curves
 of letters, on inflections and loops. It breaks the half pixel occasionally on random curves, and on most near-cusps
 from 100 pixels on by less than a fifth of a pixel. On thin curves and hairpins it breaks it by up to 46 % of their size
-at all sizes: it measures the distance of control points from the line through both ends, not from the
-stretch between them. All results are proven, without sampling: no case stays undecided, and decisions take fewer steps
-than distances.
+at all sizes: it measures the distance of control points from the line through both ends, not from the stretch between
+them. All results are certified, without sampling: no case stays undecided, and decisions take fewer steps than
+distances.
 
 Feeds: figure and tables "conversions checked".
 Takes: 2 minutes, 1 once compiled.
@@ -223,7 +223,7 @@ def _entry(
 
 
 class _Case:
-    """One input, its conversion, and the proven results on their distance."""
+    """One input, its conversion, and the certified results on their distance."""
 
     def __init__(self, a: np.ndarray, b: np.ndarray, tolerance: float):
         self.a, self.b = a, b
@@ -278,7 +278,7 @@ def _table(entries: list[dict[str, Any]]) -> str:
 
 
 def _specimen_table(specimens: list[dict[str, Any]]) -> str:
-    header = ["Agg, half a pixel", "control points (pixels)", "distance (pixels)", "proven"]
+    header = ["Agg, half a pixel", "control points (pixels)", "distance (pixels)", "certified"]
     rows = []
     for s in specimens:
         points = " ".join(f"({x:g}, {y:g})" for x, y in s["a"][0])

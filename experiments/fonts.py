@@ -4,12 +4,12 @@ All 26 x 26 two-sided Hausdorff distances between the lower-case outlines of Dej
 and STIX General (a Times: serifs, contrast, a g of two storeys). Each letter is scaled to the x-height of its font and
 centered. Fonts of one design would find each other by their skeletons; these two have only the alphabet in common.
 
-Then the nearest letters are searched without the matrix. Boxes give a first proven lower bound. For the remaining
+Then the nearest letters are searched without the matrix. Boxes give a first certified lower bound. For the remaining
 letters, hausdorff_at_most decides if they are nearer than the best so far; only then their distance is computed. For
 comparison, SciPy's k-d tree on samples of the outlines, in one process on one core, trees built once for each letter.
 
-Claims: every distance has bounds closer than 1e-9 x-heights. Every nearest letter is proven, or tied with another one
-within that distance (i and l of STIX General reach equally far beyond those of DejaVu Sans). The search finds the
+Claims: every distance has bounds closer than 1e-9 x-heights. Every nearest letter is certified, or tied with another
+one within that distance (i and l of STIX General reach equally far beyond those of DejaVu Sans). The search finds the
 matrix's results with less than a tenth of its distances. Samples 0.002 x-heights apart take longer than the proof, and
 err by up to 0.6 of this spacing.
 
@@ -87,7 +87,7 @@ def _record(solutions: list[list[jhd.HausdorffSolution]], letters: str, took: fl
 
 
 def _ranked(letters: str, lower: np.ndarray, upper: np.ndarray) -> dict[str, Any]:
-    """Return the nearest letter, letters with overlapping bounds, and the proven ratio of the next distance."""
+    """Return the nearest letter, letters with overlapping bounds, and the certified ratio of the next distance."""
     best = int(np.argmin(upper))
     tied = [letters[k] for k in np.flatnonzero(lower <= upper[best]) if k != best]
     second = int(np.argsort(lower)[1 if lower[best] == lower.min() else 0])
@@ -143,7 +143,7 @@ def _nearest(curve: jhd.BezierSegments, others: Letters, boxes: Mapping[str, "_B
             continue
         solution = jhd.hausdorff(curve, others[name])
         found.distances.append(name)
-        # If the bounds of both overlap, neither is proven to be the nearer one.
+        # If the bounds of both overlap, neither is certified to be the nearer one.
         if solution.upper < best.lower:
             best, found = solution, found._replace(nearest=name, tied=[])
         elif solution.lower <= best.upper:
@@ -165,13 +165,13 @@ class _Box(NamedTuple):
         return _Box(signed[:, [0, -1]].max(axis=(0, 1)), signed.max(axis=(0, 1)))
 
     def distance(self, other: "_Box") -> float:
-        """Return a proven lower bound of the Hausdorff distance: how far one curve reaches beyond the other's box."""
+        """Return a certified lower bound of the Hausdorff distance: one curve reaches beyond the other box."""
         reach = max(np.max(self.inner - other.outer), np.max(other.inner - self.outer), 0.0)
         return float(np.nextafter(reach, -np.inf))
 
 
 def _sampled(first: Letters, second: Letters, spacing: float, matrix: dict[str, Any]) -> dict[str, Any]:
-    """Compute the matrix by k-d trees of samples this far apart: time, and errors against the proven distances."""
+    """Compute the matrix by k-d trees of samples this far apart: time, and errors against the certified distances."""
     rows = [[_samples(curve, spacing) for curve in letters.values()] for letters in (first, second)]
 
     def answers() -> np.ndarray:
@@ -249,7 +249,16 @@ def _matrix_table(numbers: dict[str, Any]) -> str:
 
 def _search_table(numbers: dict[str, Any]) -> str:
     matrix, letters = numbers["matrix"], numbers["letters"]
-    header = ["nearest letters", "same, proven", "other, proven", "tied", "distances", "decisions", "steps", "time (s)"]
+    header = [
+        "nearest letters",
+        "same, certified",
+        "other, certified",
+        "tied",
+        "distances",
+        "decisions",
+        "steps",
+        "time (s)",
+    ]
     rows = []
     for name, search in numbers["searches"].items():
         work = [search["distances"], search["decisions"], search["steps"], f"{search['seconds']:.2f}"]
@@ -263,7 +272,7 @@ def _search_table(numbers: dict[str, Any]) -> str:
 
 
 def _counts(letters: str, nearest: list[str], tied: list[list[str]]) -> list[int]:
-    """Count letters whose nearest one is proven to be its namesake, proven to be another, and tied."""
+    """Count letters whose nearest one is certified to be its namesake, certified to be another, and tied."""
     clear = [x == y for x, y, others in zip(letters, nearest, tied, strict=True) if not others]
     return [sum(clear), len(clear) - sum(clear), len(letters) - len(clear)]
 

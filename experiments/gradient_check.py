@@ -3,8 +3,9 @@
 Two parts. (1) An arc rises inside a parabola and then turns on its side. So the directed distance passes from one foot
 (antipodal) to two feet (one-to-two), and to an end of the arc. Along this path three derivatives are compared: the rule
 of jhd; automatic differentiation through max and min, which differentiates the one pair of points that they pick; and
-central differences of the proven value. (2) Random pairs of every kind of curve, along random directions in all control
-points, weights and knots: the largest relative error of the rule, and of second derivatives, for each kind of event.
+central differences of the certified value. (2) Random pairs of every kind of curve, along random directions in all
+control points, weights and knots: the largest relative error of the rule, and of second derivatives, for each kind of
+event.
 
 Claims: first and second derivatives agree with differences to 1e-6 for all events; naive differentiation is wrong
 whenever two feet are active, on this path by up to 1.2 when the derivative is 2.1.

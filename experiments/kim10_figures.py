@@ -3,14 +3,14 @@
 The curves a, b of each pair have 15 control points; there is one pair for each kind of event. Biarcs replace b. The
 map of b stores for each pixel the distance and the nearest arc (figure 8 of the source). Over the plane it is the lower
 envelope of cones about the arcs (figure 7). The map is read along a (figure 9). The largest reading, less the
-deviation of the arcs and half the diagonal of a pixel, is the lower bound LB. If an arc of a is proven to lie in the
+deviation of the arcs and half the diagonal of a pixel, is the lower bound LB. If an arc of a is certified to lie in the
 region of radius LB about b, it is trimmed (figures 10 and 17), by the package's exact test. Here only a is trimmed. The
 rest of b after trimming both curves, as published, is kept for the picture. With --a A --b B the pair is two given
 plane curves.
 
-Claims: at random pixels the proven distance agrees with the stored one within the map's error; LB is below the distance
-by less than twice the subtracted errors; the trimmed parts are proven, by branch and bound, to be within LB of b; the
-location of the maximum is not trimmed; less than a tenth of a is left.
+Claims: at random pixels the certified distance agrees with the stored one within the map's error; LB is below the
+distance by less than twice the subtracted errors; the trimmed parts are certified, by branch and bound, to be within LB
+of b; the location of the maximum is not trimmed; less than a tenth of a is left.
 
 Feeds: figures "distance map, cones and trimming" and "four pairs" (figures 7 to 10, 17 and 18 of Kim et al. 2010 and
 figure 1 of Cao et al. 2014, with data of our own).
@@ -40,7 +40,7 @@ COARSE, FINE = 3e-3, 1e-4
 PIXELS, DRAWN, READ = 512, 240, 6000
 # Pixels of the map of each pair; of the samples of a, the figure shows one in EVERY.
 SMALL, EVERY = 160, 10
-# Number of pixels whose distance is compared with the proven one.
+# Number of pixels whose distance is compared with the certified one.
 CHECKED = 2000
 # Margin of the map around both curves as a fraction of the diagonal, and margin of the region in units of LB.
 MARGIN, AROUND = 0.12, 1.15
@@ -85,7 +85,7 @@ def _drawn(field: jhd.DistanceMap) -> dict[str, Any]:
 def _checked(
     field: jhd.DistanceMap, b: jhd.BezierSegments, random: np.random.Generator, number: int
 ) -> dict[str, float]:
-    """Compare stored and proven distances at random pixels; the largest difference may not exceed the error."""
+    """Compare stored and certified distances at random pixels; the largest difference may not exceed the error."""
     i, j = (random.integers(0, size, number) for size in field.distance.shape)
     x, y = (np.asarray(center) for center in field.centers)
     found = jhd.project(np.stack([x[i], y[j]], axis=1), b)
@@ -103,14 +103,14 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
     low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
     box = low - MARGIN * diagonal, high + MARGIN * diagonal
-    proven = jhd.directed_hausdorff(a, b)
+    certified = jhd.directed_hausdorff(a, b)
     field = jhd.distance_map(jhd.biarcs(b, FINE * diagonal), *box, pixels)
     along = np.linspace(0, a.count, READ)
     read = np.asarray(field.enclose(a(along)).lower)
     lower = float(np.max(read))
-    if not 0 <= float(proven.lower) - lower <= 2 * float(field.max_error):
+    if not 0 <= float(certified.lower) - lower <= 2 * float(field.max_error):
         raise AssertionError(
-            f"LB is {lower:g}; the distance is {proven}, what is subtracted {float(field.max_error):g}"
+            f"LB is {lower:g}; the distance is {certified}, what is subtracted {float(field.max_error):g}"
         )
     p, q, frame = prepare(a, b)
     mine, others = both_arcs(HostPair.of(p, q), float(frame.common(FINE * diagonal)))
@@ -121,7 +121,7 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
     farthest = jhd.directed_hausdorff(jhd.BezierSegments.join(parts), b)
     if float(farthest.upper) > lower:
         raise AssertionError(f"a trimmed part is {farthest} from b; LB is {lower:g}")
-    place = int(proven.witness.element), float(proven.witness.t)
+    place = int(certified.witness.element), float(certified.witness.t)
     if not np.any((segment[left] == place[0]) & (t0[left] <= place[1]) & (place[1] <= t1[left])):
         raise AssertionError(f"the place of the maximum, {place}, is trimmed")
     share = float(np.sum((t1 - t0)[left])) / a.count
@@ -133,7 +133,7 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
         "box": box,
         "diagonal": diagonal,
         "region": _drawn(jhd.distance_map(field.arcs, low - AROUND * lower, high + AROUND * lower, drawn // 2)),
-        "solution": proven,
+        "solution": certified,
         "lower": lower,
         "max_error": field.max_error,
         "pixels": pixels,
@@ -178,7 +178,7 @@ def _table(pairs: dict[str, dict[str, Any]]) -> str:
 
 def _map_table(checked: dict[str, float]) -> str:
     rows = [[checked["pixels"], f"{checked['largest']:.2e}", f"{checked['error']:.2e}"]]
-    return markdown(["pixels compared", "largest error", "proven error"], rows)
+    return markdown(["pixels compared", "largest error", "certified error"], rows)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,15 @@ The source prints no control points. For each pair the two-sided Hausdorff dista
   bound LB, the tests of control points, both curves trimmed;
 - `BiarcTrimming`, ours: a measured bound, an exact test, one curve trimmed; both variants in total and less the time of
   the biarcs, which the source counts as preprocessing;
-- `TwoStep` and `BranchAndBound` of this package, the latter also with proven upper bounds, to 1e-10 of the diagonal.
+- `TwoStep` and `BranchAndBound` of this package, the latter also with certified upper bounds, to 1e-10 of the diagonal.
 
 The deviation of the biarcs is 1e-4 of the diagonal of the pair's box for all sizes. Times are the shortest of several
 warm calls, methods in turn, in one process on one core. The table also shows the source's times, printed for four pairs
 of these kinds and sizes, on a Pentium 4 of 2.4 GHz.
 
-Claims: without trimming and with ours the value is the proven one to 1e-9 of the diagonal; trimming never examines more
-boxes. As printed, a foot of the maximum is trimmed for some pairs, and then the value is too small, mostly below LB.
+Claims: without trimming and with ours the value is the certified one to 1e-9 of the diagonal; trimming never examines
+more boxes. As printed, a foot of the maximum is trimmed for some pairs, and then the value is too small, mostly below
+LB.
 
 Feeds: figure and table "trimming" (table 1 of Kim et al. 2010, with data of our own).
 Takes: 3 minutes.
@@ -121,7 +122,7 @@ def _round(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
 
 
 def _checked(found: dict[str, jhd.HausdorffSolution], diagonal: float) -> dict[str, float]:
-    """Return all values; those without trimming and with ours must be the proven one."""
+    """Return all values; those without trimming and with ours must be the certified one."""
     values = {name: float(solution.value) for name, solution in found.items()}
     for name in ("AlgebraicEvents", "BiarcTrimming"):
         off = abs(values[name] - values["BranchAndBound"])
@@ -199,7 +200,14 @@ def _table(entries: list[dict[str, Any]]) -> str:
 
 def _values(entries: list[dict[str, Any]]) -> str:
     names = ("AlgebraicEvents", PAPER, "BiarcTrimming", "TwoStep")
-    header = ["points", "kind", "event", "proven distance", "LB", *(f"{name} - proven (diagonals)" for name in names)]
+    header = [
+        "points",
+        "kind",
+        "event",
+        "certified distance",
+        "LB",
+        *(f"{name} - certified (diagonals)" for name in names),
+    ]
     rows = [
         [
             entry["count"],
@@ -229,7 +237,7 @@ def _sizes(sizes: list[dict[str, Any]]) -> str:
 def _printed(entries: list[dict[str, Any]]) -> str:
     """Compare the source's printed times with its own steps and ours; trimming times exclude the biarcs."""
     header = ["pair as in figure 18", "printed: without (ms)", "with (ms)", "faster", "here: without (ms)"]
-    header += ["with, as printed (ms)", "faster", "value / proven", "with, ours (ms)", "faster", "value / proven"]
+    header += ["with, as printed (ms)", "faster", "value / certified", "with, ours (ms)", "faster", "value / certified"]
     rows = []
     for entry in entries:
         if entry["printed"]:

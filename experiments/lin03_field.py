@@ -3,7 +3,7 @@
 Two closed meshes, of about as many triangles as those of the paper (67 036 and 47 858): a bumpy sphere and a knotted
 tube. With --meshes FILE, the mesh of a file replaces the first one. Each becomes a field with a tolerance of 1e-3 of
 its longest side, refined in the band about the surface. The first call is timed in a process of its own, compilation
-included, and later ones here. A million points are looked up, and the largest error is sampled and proven. Marching
+included, and later ones here. A million points are looked up, and the largest error is sampled and certified. Marching
 cubes turn the field into a mesh again, and its Hausdorff distances from and to the original mesh are bounded. The first
 mesh also gets a field of ten times the tolerance that is refined everywhere, as published. Stored are a slice of each
 field with its cells, and a view of the extracted surface with the distance of each visible point to the mesh.
@@ -11,7 +11,7 @@ field with its cells, and a view of the extracted surface with the distance of e
 The paper prints 52 s and 41 s for its two meshes, on a 933 MHz Pentium III and without a tolerance. These times show
 only the order of magnitude of their day.
 
-Claims: on the generated meshes less than 15 s with compilation; the largest error is proven to be below twice the
+Claims: on the generated meshes less than 15 s with compilation; the largest error is certified to be below twice the
 tolerance; the extracted surface is within twice the tolerance of the mesh, both ways. If the mesh of a file has gaps or
 sheets thinner than the tolerance, these may be closed or lost, and then the mesh is farther from the surface.
 
@@ -99,7 +99,7 @@ def _measured(name: str, mesh: jhd.TriangleMesh, run: Run, full: bool) -> dict[s
     extracted = field.to_mesh(resolution)
     points = run.random.uniform(field.lower, field.upper, (1_000 if run.smoke else 1_000_000, 3))
     sampled = field.sampled_error(mesh, 1_000 if run.smoke else 100_000, run.seed)
-    proven = field.proven_error(mesh, max_boxes=10_000 if run.smoke else 400_000)
+    certified = field.proven_error(mesh, max_boxes=10_000 if run.smoke else 400_000)
     method = jhd.BranchAndBound(atol=(100 if run.smoke else 1) * HAUSDORFF * size)
     ways = {
         "from": jhd.directed_hausdorff(extracted, mesh, method),
@@ -118,7 +118,7 @@ def _measured(name: str, mesh: jhd.TriangleMesh, run: Run, full: bool) -> dict[s
         "unresolved": field.unresolved,
         "queries_per_second": len(points) / seconds(lambda: field(points), 0 if run.smoke else 3),
         "sampled": sampled,
-        "proven": proven,
+        "certified": certified,
         "extract": seconds(lambda: field.to_mesh(resolution).vertices, 0 if run.smoke else 1),
         "extracted_triangles": extracted.count,
         "closed": extracted.is_closed,
@@ -230,7 +230,7 @@ def _table(found: list[dict[str, Any]]) -> str:
     ]
     header += [
         "sampled error / atol",
-        "proven / atol",
+        "certified / atol",
         "mesh again, s",
         "triangles",
         "mesh again -> mesh / size",
@@ -240,7 +240,7 @@ def _table(found: list[dict[str, Any]]) -> str:
     for case, (count, time), vertices in zip(found, PRINTED, PRINTED_VERTICES, strict=True):
         ways = [f"{float(case['hausdorff'][key]['upper']) / case['size']:.2e}" for key in ("from", "to")]
         numbers = [f"{case['first_call']:.1f}", f"{case['build']:.1f}", case["leaves"], case["depth"]]
-        errors = [f"{case[key] / case['atol']:.2f}" for key in ("sampled", "proven")]
+        errors = [f"{case[key] / case['atol']:.2f}" for key in ("sampled", "certified")]
         rate = f"{case['queries_per_second'] / 1e6:.1f}"
         again = [f"{case['extract']:.1f}", case["extracted_triangles"]]
         size = [case["triangles"], case["vertices"], f"{count}, {vertices}: {time:g}"]

@@ -3,12 +3,12 @@
 The paper's example: the spheres x^2 + y^2 + z^2 = 9 and x^2 + (y - 7)^2 + z^2 = 4, whose distance is 2. Cubes of side
 0.09 = (n - 1) eps for eps = 0.01 and n = 10 lines; the paper reports 2.0020. The paper does not give the position of
 the grid, so the grid is moved in steps of eps along x and z. It does not say which of several equally near pairs of
-cubes it takes, so all of them are sampled. For comparison: the proven bounds of `minimum_distance`.
+cubes it takes, so all of them are sampled. For comparison: the certified bounds of `minimum_distance`.
 
 Claims: the answer depends on the grid and on the pair of cubes, up to 2.0166. For the first pair it is more than eps
 above 2 on most grids, so the stated error is not kept. 2.0020 is among the answers: it belongs to the line x = 0.07,
 z = 0, for which the paper prints x = 0.0070 (the printed points are 8e-4 and 1.2e-3 off the spheres; with x = 0.0700
-they are not). The proven bounds hold 2 and are less than 3e-12 apart.
+they are not). The certified bounds hold 2 and are less than 3e-12 apart.
 
 Feeds: figure "lin03 spheres" and the table of answers.
 Takes: 2 minutes.
@@ -44,7 +44,7 @@ def main() -> None:
     for name, numbers in zip(names, (taken, every), strict=True):
         beyond = f"{np.mean(numbers - 2 > EPS):.0%}"
         rows.append([name, f"{numbers.min():.6f}", f"{numbers.max():.6f}", beyond])
-    rows.append(["proven bounds", f"{float(found.lower):.13f}", f"{float(found.upper):.13f}", ""])
+    rows.append(["certified bounds", f"{float(found.lower):.13f}", f"{float(found.upper):.13f}", ""])
     numbers = {
         "eps": EPS,
         "lines": LINES,

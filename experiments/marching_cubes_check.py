@@ -1,7 +1,7 @@
 """How far is a marching cubes mesh from its implicit surface, and how well do samples estimate this distance?
 
 scikit-image's marching cubes make meshes of a smooth quartic surface, a rounded box without symmetry, on grids of 8 to
-32 cells along an axis. Both directed distances between mesh and surface are proven to 5 % of their value. They are
+32 cells along an axis. Both directed distances between mesh and surface are certified to 5 % of their value. They are
 compared with two usual estimates. One is the value of the polynomial at the middles of the triangles over its slope
 there, which is a distance to first order. The other is the largest distance of samples of both, by a k-d tree in as
 much time, or with 32 000 samples of each if this limit comes first. Seconds are CPU seconds of a second call.

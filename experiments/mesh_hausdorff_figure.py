@@ -5,8 +5,8 @@ A fine mesh of a surface with bumps, and a coarse one with vertices on this surf
 picture: distances of points all over each mesh to the other mesh, and a section of both through the farthest point and
 its feet.
 
-Claims: both distances are proven to 1e-9 of their size within 20 rounds; a farthest point has one foot in a triangle,
-or several equally far feet, and no sampled point is farther than the upper bound.
+Claims: both distances are certified to 1e-9 of their size within 20 rounds; a farthest point has one foot in a
+triangle, or several equally far feet, and no sampled point is farther than the upper bound.
 
 Feeds: figure "Hausdorff distance of two meshes".
 Takes: 1 minute.

@@ -4,13 +4,13 @@ Two meshes of one surface, of about 70 000 and 3000 triangles; with --meshes A B
 
 (1) Nearest points on the finer mesh for points spread evenly in its box and for points near the surface: seconds to
 prepare, queries per second, and the difference of distances from ours. The peers are libigl, point-cloud-utils, Open3D
-and trimesh, if they are installed. (2) Hausdorff distances: our proven one; libigl's function, which uses vertices
+and trimesh, if they are installed. (2) Hausdorff distances: our certified one; libigl's function, which uses vertices
 alone; and samples, spread evenly on both meshes, either against each other (SciPy's k-d tree, point-cloud-utils) or
 against the other mesh itself, which gives a true lower bound. All run in one process, on one core; times are the least
 of several.
 
 Claims: for points spread evenly ours is the fastest search, one to four times as fast as libigl's; near the surface
-both are as fast to a factor of 1.5. trimesh takes more than five times as long. The proven distance takes less than
+both are as fast to a factor of 1.5. trimesh takes more than five times as long. The certified distance takes less than
 half the time of a million samples. These are off by more than 1 %, too large against each other and too small against
 meshes. libigl's function takes less time and is too small by more than 1 %.
 
@@ -170,7 +170,7 @@ def _hausdorff(a: jhd.TriangleMesh, b: jhd.TriangleMesh, run: Run) -> list[dict[
     """Return each way's distance with its seconds; ours first."""
     solution = jhd.hausdorff(a, b)
     value, seconds = float(solution.value), _least(lambda: jhd.hausdorff(a, b), REPEATS)
-    first = {"name": "jhd, proven", "value": value, "seconds": seconds}
+    first = {"name": "jhd, certified", "value": value, "seconds": seconds}
     found = [first | {"lower": float(solution.lower), "upper": float(solution.upper)}]
     for name, call in _vertex_ways(a, b):
         try:
@@ -237,7 +237,7 @@ def _table_of_queries(queries: list[dict[str, Any]]) -> str:
 
 
 def _table_of_distances(found: list[dict[str, Any]]) -> str:
-    header = ["Hausdorff distance by", "samples on each", "value", "above the proven one, %", "seconds", "it / jhd"]
+    header = ["Hausdorff distance by", "samples on each", "value", "above the certified one, %", "seconds", "it / jhd"]
     rows = []
     for way in found:
         numbers = [f"{way['value']:.9f}", f"{100 * way['error']:+.3f}", f"{way['seconds']:.2f}", f"{way['ratio']:.1f}"]

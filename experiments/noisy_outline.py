@@ -8,7 +8,7 @@ schedule and the best of three rates. It minimizes three distances of samples of
 smoothed until it has at most as many knots. jhd.hausdorff proves the errors of all. Each method runs once before it is
 timed, in CPU seconds.
 
-Claims: the fit is nearer than its start and than every other method, proven, for all numbers of vertices; its
+Claims: the fit is nearer than its start and than every other method, certified, for all numbers of vertices; its
 time grows more slowly than the number of vertices.
 
 Feeds: figure "cubics to noisy outlines" and its table.
@@ -50,7 +50,7 @@ def main() -> None:
     run = Run(__file__, __doc__)
     sizes = _Sizes(8, 2, 30, RATES[1:2]) if run.smoke else _Sizes(SEGMENTS, 60, STEPS, RATES)
     cases = [_case(run, count, sizes) for count in ((140,) if run.smoke else COUNTS)]
-    header = ["vertices", "method", "proven distance", "seconds", "beside the fit"]
+    header = ["vertices", "method", "certified distance", "seconds", "ratio to the fit"]
     rows = [
         [case["vertices"], name, f"{found['upper']:.6f}", f"{found['seconds']:.2f}", f"{found['ratio']:.2f}"]
         for case in cases

@@ -5,9 +5,10 @@ PointBezier): steps and errors of each method. (2) The fraction of wrong feet on
 and queries are normal in the plane, the query also half and twice as far out. (3) One cubic against 10 000 points: time
 and error compared with SciPy's k-d tree on 1e3 to 1e5 samples, in one process on one core.
 
-Claims: the proven methods, BestFirstProjection and ProjectedPolyhedronProjection, are never wrong. The local methods,
-interval halving, Newton's method and their hybrid, are wrong on 3 to 16 % of the queries. 10 000 proven projections
-take less than half a second, and less than half the time of the k-d tree of 1e5 samples, which errs by more than 1e-6.
+Claims: the certified methods, BestFirstProjection and ProjectedPolyhedronProjection, are never wrong. The local
+methods, interval halving, Newton's method and their hybrid, are wrong on 3 to 16 % of the queries. 10 000 certified
+projections take less than half a second, and less than half the time of the k-d tree of 1e5 samples, which errs by more
+than 1e-6.
 
 Feeds: animation, strip, figure and tables "point to curve".
 Takes: 1 minute, half a minute once compiled.
@@ -101,7 +102,7 @@ def _name(method: Any) -> str:
     return type(method).__name__
 
 
-def _proven(method: Any) -> bool:
+def _certified(method: Any) -> bool:
     return isinstance(method, jhd.ProjectedPolyhedronProjection | jhd.BestFirstProjection)
 
 
@@ -129,7 +130,7 @@ def _path_table(numbers: dict[str, Any]) -> str:
 
 
 def _random(run: Run, solvers: dict[str, Solver]) -> dict[str, Any]:
-    """Return fractions of wrong feet, and the worst error of the proven methods and of their lower bounds."""
+    """Return fractions of wrong feet, and the worst error of the certified methods and of their lower bounds."""
     count = 500 if run.smoke else 10_000
     cubics, queries = run.random.standard_normal((count, 4, 2)), run.random.standard_normal((count, 2))
     spreads = (1.0,) if run.smoke else (0.5, 1.0, 2.0)
@@ -145,7 +146,7 @@ def _random(run: Run, solvers: dict[str, Solver]) -> dict[str, Any]:
                     "spread": spread,
                     "wrong": np.mean(excess > WRONG * distance),
                     "largest_excess": excess.max(),
-                    "largest_error": np.abs(excess).max() if _proven(method) else None,
+                    "largest_error": np.abs(excess).max() if _certified(method) else None,
                     "lower_above": (answer["lower"] - distance).max(),
                     "steps": np.mean(answer["steps"]),
                 }

@@ -3,13 +3,13 @@
 Surfaces from a cone to the Barth sextic are voxelized at 64^3 with each of the five ways to bound a polynomial over a
 box that jhd offers: the power form and Horner's scheme in interval arithmetic, the centered form, modified affine
 arithmetic (the paper's), Bernstein coefficients. Counted are the cells kept on each level of the octree and all cells
-tested. Of the kept cells, at least the proven ones hold a point, so no way can keep fewer cells. Speeds are measured
+tested. Of the kept cells, at least the certified ones hold a point, so no way can keep fewer cells. Speeds are measured
 for the range alone, on cells about the surface, and for a whole voxelization at 128^3, proofs included, on one core.
 
-Claims: Bernstein coefficients keep the fewest cells on every surface, at most 3 % more than are proven to hold a point.
-Modified affine arithmetic keeps 3 to 34 % more than proven, the power form of interval arithmetic up to nine times as
-many. A Bernstein range takes at most twice as long as one of modified affine arithmetic, and a voxelization at most
-1.5 times as long.
+Claims: Bernstein coefficients keep the fewest cells on every surface, at most 3 % more than are certified to hold a
+point. Modified affine arithmetic keeps 3 to 34 % more than certified, the power form of interval arithmetic up to nine
+times as many. A Bernstein range takes at most twice as long as one of modified affine arithmetic, and a voxelization at
+most 1.5 times as long.
 
 Feeds: figure "ranges" and its table.
 Takes: 4 minutes.
@@ -47,11 +47,11 @@ def main() -> None:
     cells = (16, 16) if run.smoke else (64, 128)
     found = {name: _measured(run, *SURFACES[name], *cells) for name in names}
     header = ["surface", "range", *(f"level {level}" for level in range(1, cells[0].bit_length()))]
-    header += ["kept / proven", "tested", "ranges, million/s", f"voxels {cells[1]}^3, s"]
+    header += ["kept / certified", "tested", "ranges, million/s", f"voxels {cells[1]}^3, s"]
     rows = []
     for name, ways in found.items():
         for kind, numbers in ways.items():
-            ratio = numbers["levels"][-1] / max(way["proven"] for way in ways.values())
+            ratio = numbers["levels"][-1] / max(way["certified"] for way in ways.values())
             row = [name, kind, *numbers["levels"][1:], f"{ratio:.3f}", numbers["tested"]]
             rows.append([*row, f"{numbers['rate'] / 1e6:.2f}", f"{numbers['seconds']:.2f}"])
     degrees = {name: surface(*_box(*SURFACES[name])).degree for name in names}

@@ -10,8 +10,8 @@ starting angles, with shift zero and scale one:
 `minimize_hausdorff` minimizes the distance itself. ICP, the usual way, alternates between nearest neighbors of samples
 and the motion of least squares until the pairs stay unchanged. Here it uses neighbors in both directions, which is
 closer to the Hausdorff distance than one direction. A third way starts `minimize_hausdorff` from the end of ICP. All
-errors are proven Hausdorff distances. A start reaches the best minimum if its proven lower bound is at most 1e-6 above
-the least proven upper bound of all.
+errors are certified Hausdorff distances. A start reaches the best minimum if its certified lower bound is at most 1e-6
+above the least certified upper bound of all.
 
 Claims: every fit between the two fonts ends at a stationary point (residual below 1e-14) with one more equal distance
 than parameters. The best rigid motion is 8 % nearer than the best end of ICP, the best similarity 26 %. From starts on
@@ -121,7 +121,7 @@ def _fit(build: Motion, to: jhd.BezierSegments, start: np.ndarray) -> tuple[jhd.
 def _record(fit: jhd.FitSolution, took: float) -> dict[str, Any]:
     values = np.asarray(fit.pairs.value)
     return {
-        **_proven(fit.error),
+        **_certified(fit.error),
         "parameters": fit.parameters,
         "result": name_of(fit.result),
         "optimality": float(fit.optimality),
@@ -132,17 +132,17 @@ def _record(fit: jhd.FitSolution, took: float) -> dict[str, Any]:
     }
 
 
-def _proven(error: jhd.HausdorffSolution) -> dict[str, float]:
+def _certified(error: jhd.HausdorffSolution) -> dict[str, float]:
     return {key: float(getattr(error, key)) for key in ("value", "lower", "upper")}
 
 
 def _icp(build: Motion, to: jhd.BezierSegments, start: np.ndarray) -> dict[str, Any]:
-    """Return the end of ICP with its proven error; seconds include ICP alone."""
+    """Return the end of ICP with its certified error; seconds include ICP alone."""
     clock = time.perf_counter()
     parameters, rounds = _closest_points(samples(build.source), samples(to), start)
     took = time.perf_counter() - clock
     error = jhd.hausdorff(to, build(jnp.asarray(parameters)), throw=False)
-    return {**_proven(error), "parameters": parameters, "rounds": rounds, "seconds": took}
+    return {**_certified(error), "parameters": parameters, "rounds": rounds, "seconds": took}
 
 
 def _closest_points(rows: np.ndarray, others: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, int]:

@@ -12,12 +12,12 @@ For each pair the two-sided Hausdorff distance is computed by
 - `jhd.hausdorff` within jax.jit, with the search compiled into the function (`jhd.inline_searches`), at tolerances
   from 1e-2 to 1e-12 of the diagonal.
 
-Errors are measured against the bounds proven at the last tolerance. The unit of errors and gaps is the diagonal of the
-box of both curves. Samples and lines are made beforehand and not timed. All run in one process on one core; times are
-medians, warm.
+Errors are measured against the bounds certified at the last tolerance. The unit of errors and gaps is the diagonal of
+the box of both curves. Samples and lines are made beforehand and not timed. All run in one process on one core; times
+are medians, warm.
 
-Claims: one direction of the closed curves, proven to 1e-10 of the diagonal, takes less than 1 ms within jax.jit. It is
-at least 250 times faster than the k-d tree with 400 samples a segment. The error of the tree is then 1e-9 of the
+Claims: one direction of the closed curves, certified to 1e-10 of the diagonal, takes less than 1 ms within jax.jit. It
+is at least 250 times faster than the k-d tree with 400 samples a segment. The error of the tree is then 1e-9 of the
 diagonal in one direction, with an antipodal maximum, and 1e-6 in the other, with a one-to-two maximum. No sampling
 method gets below 1e-10 on any pair; its error falls unsteadily, depending on the maximum's position between samples. On
 a pair of single segments, samples are faster than the proof if 1e-5 is enough.

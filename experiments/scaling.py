@@ -17,7 +17,7 @@ Memory is measured in two ways: XLA's own count of the memory of a compiled func
 the peak of a process that does nothing else, less the memory of the imports. This process takes its compiled functions
 from the compile cache. Compilation is timed for one direction, from the call to the compiled function, without a cache.
 
-Claims: 2000 x 2000 segments are proven to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than
+Claims: 2000 x 2000 segments are certified to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than
 n + 64 cells of n segments, and in bounded memory: less than 10 MB for the tables of a compiled function, less than 1 GB
 for the process. Tracing and compiling take 8 to 25 s. The start of the search grows more slowly than the number of
 segments, and takes a quarter or more of a plain call from 385 segments on. A k-d tree is faster for few segments. For
@@ -180,7 +180,7 @@ def _counts(there: jhd.HausdorffSolution, both: jhd.HausdorffSolution) -> dict[s
 
 
 def _errors(pair: Pair, there: jhd.HausdorffSolution, both: jhd.HausdorffSolution, sampled: float) -> dict[str, float]:
-    """Return the larger of the proven gaps, and the error of the samples, in diagonals of the box."""
+    """Return the larger of the certified gaps, and the error of the samples, in diagonals of the box."""
     rows = np.concatenate([np.asarray(curve.control_points).reshape(-1, 2) for curve in pair])
     diagonal = float(np.linalg.norm(np.ptp(rows, axis=0)))
     gap = max(float(found.upper - found.lower) for found in (there, both))

@@ -3,11 +3,11 @@
 The scan is 100 000 points of a sheet of 9 bicubic patches, without its rim, with normal noise of 0.001 of its side. The
 model has this net with its heights off by up to 0.01. `minimize_hausdorff` fits its heights to the root mean square of
 the distances of one point in twenty; so a single point that is far off pulls little. The directed distance from all
-points to the model is proven before and after. It is compared with the distance by a k-d tree on samples of the model,
-whose number is doubled until they take as long. Times are CPU seconds; the distances are timed in a second call.
+points to the model is certified before and after. It is compared with the distance by a k-d tree on samples of the
+model, whose number is doubled until they take as long. Times are CPU seconds; the distances are timed in a second call.
 
 Claims: in a few steps the root mean square falls to the noise, within a twentieth. The largest distance falls, within
-a twentieth, to the largest distance of the points from their true sheet. It is proven to 1e-9, before and after.
+a twentieth, to the largest distance of the points from their true sheet. It is certified to 1e-9, before and after.
 
 Feeds: figure and table "scan to model".
 Takes: 1 minute.

@@ -4,7 +4,7 @@ The scan is 400 points of a closed cubic spline of 12 control points, with norma
 fraction of them are outliers, spread over a square next to the spline, as if the scan included the table.
 jhd.minimize_hausdorff moves, turns and scales the spline, which begins a fifth of its size away. It minimizes four
 statistics, each selected by one word: the largest distance; and the root mean square, the mean and the quantile 0.8 of
-the distances from the points. The error is the proven largest distance from the scanned locations, without noise and
+the distances from the points. The error is the certified largest distance from the scanned locations, without noise and
 outliers, to the spline.
 
 Claims: without outliers the last three end within the noise. From 5 % of outliers on the largest distance and the root

@@ -81,7 +81,7 @@ def _measured(
 
 
 def _found(a: jhd.ImplicitSurface, b: jhd.ImplicitSurface, method: Any) -> dict[str, Any]:
-    """Return both bounds, or that a surface was proven to be empty."""
+    """Return both bounds, or that a surface was certified to be empty."""
     try:
         solution = jhd.directed_hausdorff(a, b, method, throw=False)
     except ValueError:
@@ -92,13 +92,13 @@ def _found(a: jhd.ImplicitSurface, b: jhd.ImplicitSurface, method: Any) -> dict[
 
 
 def _slice(shape: jhd.ImplicitSurface, plane: float) -> dict[str, Any]:
-    """Return the kept cells of the layer that contains the plane, and which of them are proven to hold a point."""
+    """Return the kept cells of the layer that contains the plane, and which of them are certified to hold a point."""
     voxels = jhd.voxelize(shape, SHOWN, ranges="modified_affine")
     layer = int((plane - float(voxels.lower[2])) / float(voxels.spacing[2]))
     here = np.asarray(voxels.cells)[:, 2] == layer
     return {
         "cells": np.asarray(voxels.cells)[here][:, :2],
-        "proven": np.asarray(voxels.proven)[here],
+        "certified": np.asarray(voxels.proven)[here],
         "lower": voxels.lower,
         "spacing": voxels.spacing,
     }

@@ -2,7 +2,7 @@
 
 `to_mesh` triangulates a sheet of 100 bicubic patches (a NURBS surface whose weights are one) to tolerances that give
 299 to 45 900 triangles. The mesher guarantees an upper bound of the deviation, but no lower one. So both directed
-distances are proven from both sides, to 2 % of their value from the mesh and 5 % from the surface. They are compared
+distances are certified from both sides, to 2 % of their value from the mesh and 5 % from the surface. They are compared
 with the largest distance of samples of both, by a k-d tree; their number is doubled until they take as long or exceed
 half a million. Times are CPU seconds; they include compilation if a number of triangles occurs for the first time.
 

@@ -1,7 +1,8 @@
 """How many pairs per second does a batch compute?
 
 Random pairs of two kinds: single cubics, with normal control points; and closed cubic B-splines of 30 control points,
-two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, proven to 1e-10 of the diagonal,
+two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, certified to 1e-10 of the
+diagonal,
 
 - of a batch of 1 to 1024 pairs (64 to 8192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
 - in such a batch with the search compiled into the function (`jhd.inline_searches`), as always on an accelerator;
@@ -145,7 +146,7 @@ def _joined(answers: list[Answer]) -> Answer:
 
 
 def _checked(pairs: list[Pair], batch: Answer, alone: Answer, sampled: np.ndarray) -> dict[str, Any]:
-    """Return steps, and proven gaps, differences of the answers and errors of the samples in diagonals."""
+    """Return steps, and certified gaps, differences of the answers and errors of the samples in diagonals."""
     diagonals = np.array([_diagonal(pair) for pair in pairs])
     error = np.abs(sampled - batch.value) / diagonals
     return {
@@ -181,7 +182,7 @@ def _tables(kinds: dict[str, Any], device: str) -> str:
         ]
         for kind, found in kinds.items()
     ]
-    header = [device, "segments", "method", "pairs a second", "time a pair (ms)", "ratio to one by one"]
+    header = [device, "segments", "method", "pairs per second", "time per pair (ms)", "ratio to one by one"]
     columns = ["steps, mean", "most", "largest gap", "batch to one by one", "error of the tree, median", "largest"]
     return markdown(header, rows) + "\n\n" + markdown(["", *columns], checks)
 

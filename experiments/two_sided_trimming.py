@@ -86,17 +86,17 @@ class _Side(NamedTuple):
     upper: np.ndarray
 
     def left(self, level: float) -> EventPieces:
-        """Return the pieces that are not proven to be nearer than the level, for all distances from there on."""
+        """Return the pieces that are not certified to be nearer than the level, for all distances from there on."""
         rows = np.flatnonzero(self.upper >= level)
         wanted = np.stack([np.full(len(rows), level), self.upper[rows]])
         return EventPieces(self.arcs.segment[rows], np.stack([self.arcs.t0[rows], self.arcs.t1[rows]]), wanted)
 
 
 def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
-    """Return the proven distance of one pair, and its value for either bound with one or both curves trimmed."""
+    """Return the certified distance of one pair, and its value for either bound with one or both curves trimmed."""
     low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
-    proven = jhd.hausdorff(a, b)
+    certified = jhd.hausdorff(a, b)
     p, q, frame = prepare(a, b)
     pair = HostPair.of(p, q)
     d, c = both_arcs(pair, float(frame.common(DEVIATION * diagonal)))
@@ -104,14 +104,14 @@ def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
         _Side(pair, d, ArcTarget(c).reach_by_quarters(d)),
         _Side(pair.reversed(), c, ArcTarget(d).reach_by_quarters(c)),
     ]
-    levels = {"map": _read(a, b, low, high, DEVIATION * diagonal), "exact": float(proven.lower)}
-    bounds = {name: _solved(sides, frame, level, proven) for name, level in levels.items()}
+    levels = {"map": _read(a, b, low, high, DEVIATION * diagonal), "exact": float(certified.lower)}
+    bounds = {name: _solved(sides, frame, level, certified) for name, level in levels.items()}
     # The package's own way, which raises an error if it misses an event.
     ours = float(jhd.hausdorff(a, b, jhd.published.BiarcTrimming()))
-    if not abs(ours - float(proven)) <= LOST * diagonal:
-        raise AssertionError(f"BiarcTrimming found {ours}; proven is {proven}")
+    if not abs(ours - float(certified)) <= LOST * diagonal:
+        raise AssertionError(f"BiarcTrimming found {ours}; certified is {certified}")
     curves = {"a": a.control_points, "b": b.control_points}
-    return {**curves, "diagonal": diagonal, "solution": proven, "ours": ours, "bounds": bounds}
+    return {**curves, "diagonal": diagonal, "solution": certified, "ours": ours, "bounds": bounds}
 
 
 def _read(a: jhd.BezierSegments, b: jhd.BezierSegments, low: np.ndarray, high: np.ndarray, deviation: float) -> float:
@@ -129,7 +129,7 @@ def _profile(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
     return {"t": t, "distance": jhd.project(a(t), b).distance}
 
 
-def _solved(sides: list[_Side], frame: Frame, level: float, proven: jhd.HausdorffSolution) -> dict[str, Any]:
+def _solved(sides: list[_Side], frame: Frame, level: float, certified: jhd.HausdorffSolution) -> dict[str, Any]:
     """Return both values for one lower bound, and the remaining parts of the curves."""
     pieces = [side.left(float(frame.common(level))) for side in sides]
     places = [_places(side.pair, *(pieces[i] for i in (k, 1 - k))) for k, side in enumerate(sides)]
@@ -140,8 +140,8 @@ def _solved(sides: list[_Side], frame: Frame, level: float, proven: jhd.Hausdorf
         values[name] = {"value": float(frame.length(distance)), "curve": "ab"[k], "segment": segment, "t": t}
     events = [sum(len(places[k][name][0]) - 2 for k in (0, 1)) for name in ("one", "both")]
     shares = [float(np.sum(x.side[1] - x.side[0])) / side.pair.a.moving for x, side in zip(pieces, sides, strict=True)]
-    k = int(name_of(proven.witness.direction) == "b_to_a")
-    foot, s = (np.asarray(x) for x in (proven.witness.feet_elements, proven.witness.feet_params))
+    k = int(name_of(certified.witness.direction) == "b_to_a")
+    foot, s = (np.asarray(x) for x in (certified.witness.feet_elements, certified.witness.feet_params))
     return {
         "lower": level,
         **values,
@@ -262,7 +262,7 @@ def _table(summary: dict[str, Any]) -> str:
 
 def _example_table(trial: dict[str, Any]) -> str:
     exact = trial["solution"]
-    rows = [["proven (branch and bound)", f"{float(exact.value):.9f}", "", "", ""]]
+    rows = [["certified (branch and bound)", f"{float(exact.value):.9f}", "", "", ""]]
     for bound, x in trial["bounds"].items():
         for name, label in (("one", "a trimmed"), ("both", "both trimmed")):
             left = [f"{100 * share:.1f}" for share in x["shares"]]

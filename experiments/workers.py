@@ -198,7 +198,9 @@ def _table(numbers: dict[str, Any]) -> str:
         [entry["kind"], entry["workers"], f"{entry['rate']:.0f}", f"{1e3 * entry['cpu_a_pair']:.2f}"]
         for entry in numbers["entries"]
     ]
-    return markdown([f"{numbers['processors']} processors", "workers", "pairs a second", "CPU a pair (ms)"], rows)
+    return markdown(
+        [f"{numbers['processors']} processors", "workers", "pairs per second", "CPU time per pair (ms)"], rows
+    )
 
 
 if __name__ == "__main__":

@@ -145,7 +145,7 @@ def origin_of(script: Path, results: Path) -> str:
     return " ".join([*code.values(), _ORIGIN["digest"]([results]), outdated(results)]).strip()
 
 
-def proven_text(lower: float, upper: float, digits: int) -> str:
+def certified_text(lower: float, upper: float, digits: int) -> str:
     """Return TeX for a number between two bounds: digits if both bounds round to them, else both, rounded outward."""
     if f"{lower:.{digits}f}" == f"{upper:.{digits}f}":
         return f"= {lower:.{digits}f}"

@@ -32,14 +32,14 @@ def colored_shape(figure: Figure, a: Any, b: Any, found: Any, title: str, left: 
 
 
 def both_ways(ax: Any, x: np.ndarray, meshes: list[dict[str, Any]]) -> None:
-    """Plot the proven bounds and sampled distances of both directions over one number of each mesh; logarithmic."""
+    """Plot the certified bounds and sampled distances of both directions over one number of each mesh; logarithmic."""
     for way, (name, color, mark, dashes) in _WAYS.items():
         ends = np.array([[mesh[way][end] for end in ("lower", "upper")] for mesh in meshes])
         middle = ends.mean(axis=1)
         bars: Any = np.stack([middle - ends[:, 0], ends[:, 1] - middle])
         # A small square inside a ring, as both directions are often equal.
         style: dict[str, Any] = {"markersize": 7, "markerfacecolor": "none"} if mark == "o" else {"markersize": 3}
-        ax.errorbar(x, middle, bars, color=color, marker=mark, linestyle="none", label=f"{name}, proven", **style)
+        ax.errorbar(x, middle, bars, color=color, marker=mark, linestyle="none", label=f"{name}, certified", **style)
         samples = [mesh[way]["samples"]["value"] for mesh in meshes]
         ax.plot(x, samples, color=GRAY, linestyle=dashes, label=f"{name}, samples")
     ax.set_xscale("log")

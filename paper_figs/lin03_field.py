@@ -166,7 +166,7 @@ def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
     rows = ("sampled", "certified", "extracted to mesh", "mesh to extracted")
     for k, (case, color) in enumerate(zip(numbers["meshes"], (BLUE, ORANGE), strict=True)):
         ways = [case["hausdorff"][key]["upper"] for key in ("from", "to")]
-        values = np.array([case["sampled"], case["proven"], *ways]) / case["atol"]
+        values = np.array([case["sampled"], case["certified"], *ways]) / case["atol"]
         places = np.arange(4) + 0.38 * (k - 0.5)
         ax.barh(places, values, height=0.34, color=color)
         for j, (place, value) in enumerate(zip(places, values, strict=True)):

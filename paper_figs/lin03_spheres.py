@@ -41,14 +41,14 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 def _draw_spheres(ax: Axes, numbers: dict[str, Any]) -> None:
     """Draw both spheres seen along z, lit from the left, with the printed and the certified points."""
     printed = np.array([(y, numbers["line"]["x"]) for y in _PRINTED])
-    proven = [(RADII[0], 0.0), (CENTER - RADII[1], 0.0)]
+    certified = [(RADII[0], 0.0), (CENTER - RADII[1], 0.0)]
     for radius, center in zip(RADII, (0.0, CENTER), strict=True):
         x, y = np.meshgrid(*2 * [np.linspace(-radius, radius, 400)])
         height = np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0)) / radius
         light = np.where(height > 0, 0.55 + 0.45 * np.clip(0.8 * height - 0.4 * x / radius, 0, 1), np.nan)
         extent = (center - radius, center + radius, -radius, radius)
         ax.imshow(light, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent)
-    ax.plot(*np.array(proven).T, "*-", color=GREEN, markersize=7, linewidth=1.0)
+    ax.plot(*np.array(certified).T, "*-", color=GREEN, markersize=7, linewidth=1.0)
     ax.plot(*printed.T, "s", color=VERMILLION, markersize=4, markerfacecolor="none")
     ax.set_xlim(-RADII[0] - 0.1, CENTER + RADII[1] + 0.1)
     ax.set_ylim(-RADII[0] - 0.1, RADII[0] + 0.1)

@@ -18,7 +18,7 @@ from common import BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, g
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-_OURS = "jhd, proven"
+_OURS = "jhd, certified"
 # Color, marker, and whether the distances are too large or too small.
 _WAYS = {
     _OURS: (BLUE, "*"),
@@ -69,12 +69,12 @@ def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None
 
 def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
     """Plot the relative error against seconds; markers are filled if the distance is too small, hollow if too large."""
-    proven = (ways[0]["upper"] - ways[0]["lower"]) / ways[0]["value"]
+    certified = (ways[0]["upper"] - ways[0]["lower"]) / ways[0]["value"]
     for name, (color, marker) in _WAYS.items():
         mine = [way for way in ways if way["name"] == name]
         if not mine:
             continue
-        errors = [max(abs(way["error"]), proven) for way in mine]
+        errors = [max(abs(way["error"]), certified) for way in mine]
         low = np.median([way["error"] for way in mine]) <= 0
         size = 9 if name == _OURS else 4.5
         text = "jhd (width of the certified bounds)" if name == _OURS else f"{name} (too {'small' if low else 'large'})"
@@ -93,7 +93,7 @@ def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
         )
         if name == "samples to meshes":
             _name_samples(ax, [way["samples"] for way in mine], seconds, errors)
-    ax.set_ylim(proven / 10, 100)
+    ax.set_ylim(certified / 10, 100)
     ax.set_xlabel("time (s)")
     ax.set_ylabel("relative error")
     ax.legend(loc="center left", bbox_to_anchor=(0.0, 0.42), labelspacing=0.3, borderaxespad=0.2)

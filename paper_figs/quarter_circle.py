@@ -13,7 +13,7 @@ and two semilogarithmic plots of convergence against the step.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, proven_text, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, certified_text, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -71,7 +71,7 @@ def _draw_error(ax: Axes, fit: dict[str, Any]) -> None:
     ax.set_xlabel("parameter $t$")
     ax.set_ylabel(f"$|B(t)| - 1$ ($10^{{{power}}}$ radii)")
     lower, upper = (float(fit["error"][name]) / unit for name in ("lower", "upper"))
-    text = f"$h {proven_text(lower, upper, 4 if fit['degree'] == 5 else 6)} \\times 10^{{{power}}}$"
+    text = f"$h {certified_text(lower, upper, 4 if fit['degree'] == 5 else 6)} \\times 10^{{{power}}}$"
     ax.text(0.5, 0.98, text, transform=ax.transAxes, ha="center", va="top")
     ax.text(0.5, 0.02, f"{fit['active']} equal maxima", transform=ax.transAxes, ha="center", va="bottom")
 

@@ -60,8 +60,8 @@ def _draw_one(ax: Axes, kind: str, y: list[float]) -> None:
     ax.semilogy(np.arange(len(y)) + _SHIFTS[kind], y, **(_style(kind) | {"linestyle": "none"}))
 
 
-def _proven(ways: dict[str, Any]) -> int:
-    return max(way["proven"] for way in ways.values())
+def _certified(ways: dict[str, Any]) -> int:
+    return max(way["certified"] for way in ways.values())
 
 
 def _by_surface(ax: Axes, numbers: dict[str, Any], names: list[str]) -> None:
@@ -77,7 +77,7 @@ def _by_surface(ax: Axes, numbers: dict[str, Any], names: list[str]) -> None:
 def _draw_ratios(ax: Axes, numbers: dict[str, Any], names: list[str]) -> None:
     for kind in _KINDS:
         ways = [numbers["surfaces"][name] for name in names]
-        y = [way[kind]["levels"][-1] / _proven(way) for way in ways]
+        y = [way[kind]["levels"][-1] / _certified(way) for way in ways]
         _draw_one(ax, kind, y)
     ax.axhline(1, color=BLACK, linewidth=0.8)
     ax.yaxis.set_major_locator(FixedLocator([1, 2, 4, 8]))

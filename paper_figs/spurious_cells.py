@@ -71,11 +71,11 @@ def _draw_cells(ax: Axes, pair: dict[str, Any], name: str, title: str) -> None:
             steps, origin = np.array(layer["spacing"])[:2], np.array(layer["lower"])[:2]
             cells = np.reshape(layer["cells"], (-1, 2))
             squares = origin + steps * (cells[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
-            proven = np.array(layer["proven"], bool)
+            certified = np.array(layer["certified"], bool)
             fill = {"facecolor": color, "alpha": 0.55, "edgecolor": BLACK, "linewidth": 0.2}
-            ax.add_collection(PolyCollection(list(squares[proven]), **fill))
+            ax.add_collection(PolyCollection(list(squares[certified]), **fill))
             doubt: dict[str, Any] = {"facecolor": "white", "edgecolor": VERMILLION, "linewidth": 0.8}
-            ax.add_collection(PolyCollection(list(squares[~proven]), hatch="////////", **doubt))
+            ax.add_collection(PolyCollection(list(squares[~certified]), hatch="////////", **doubt))
             low, high = min(low, origin.min()), max(high, -origin.min())
     line = np.linspace(low, high, _LINES)
     x, y = np.meshgrid(line, line)

@@ -98,7 +98,7 @@ def _title(pair: dict[str, Any]) -> str:
 
 
 def _text(pair: dict[str, Any]) -> str:
-    """Return the distance with its proven error, or its bounds if they differ by more than 2 %, and the seconds."""
+    """Return the distance with its certified error, or its bounds if they differ by more than 2 %, and the seconds."""
     lower, upper = pair["solution"]["lower"], pair["solution"]["upper"]
     seconds = f"{pair['seconds']:.1f} s"
     if upper is None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from .collections import full
 
-# Promised error of TwoStep and the proven projections, in units of the coordinates (some hundred, and some).
+# Promised error of TwoStep and the certified projections, in units of the coordinates (some hundred, and some).
 ERROR = 1e-10
 
 
@@ -57,11 +57,11 @@ def check_cao14_closed_closed(numbers):
 
 def check_point_bezier(numbers):
     for name, entries in numbers["random"]["methods"].items():
-        proven = name in ("ProjectedPolyhedronProjection", "BestFirstProjection")
+        certified = name in ("ProjectedPolyhedronProjection", "BestFirstProjection")
         for entry in entries:
             assert entry["lower_above"] < ERROR
-            assert entry["wrong"] == 0 if proven else 0.01 < entry["wrong"] < 0.3
-            assert not proven or entry["largest_error"] < ERROR
+            assert entry["wrong"] == 0 if certified else 0.01 < entry["wrong"] < 0.3
+            assert not certified or entry["largest_error"] < ERROR
     for name in ("ProjectedPolyhedronProjection", "BestFirstProjection"):
         assert np.max(np.abs(numbers["path"]["errors"][name])) < ERROR
     ours, *samples = numbers["speed"]["entries"]
@@ -256,19 +256,19 @@ def check_sampling_versus_proof(numbers):
         assert both[numbers["chosen"]] < 2e-3 and numbers["chosen"] == 1e-10
         assert 5e-10 < tree["errors"][0] < 2e-9 and 5e-7 < tree["errors"][1] < 2e-6 and max(ours["errors"]) < 1e-10
         entries = numbers["pairs"]["cubics"]["entries"]
-        (proven,) = (e["seconds"] for e in entries if e["method"] == "jhd" and e["tolerance"] == numbers["chosen"])
-        assert any(e["error"] < 1e-5 and e["seconds"] < proven for e in entries if e["method"] != "jhd")
+        (certified,) = (e["seconds"] for e in entries if e["method"] == "jhd" and e["tolerance"] == numbers["chosen"])
+        assert any(e["error"] < 1e-5 and e["seconds"] < certified for e in entries if e["method"] != "jhd")
 
 
 def check_kim10_table(numbers):
     for entry in numbers["entries"]:
-        proven = entry["values"]["BranchAndBound"]
-        assert proven <= entry["upper"] <= proven + 1.01e-10 * entry["diagonal"]
+        certified = entry["values"]["BranchAndBound"]
+        assert certified <= entry["upper"] <= certified + 1.01e-10 * entry["diagonal"]
         for name, value in entry["values"].items():
             # As printed, a foot of the maximum may be trimmed.
             as_printed = name == "BiarcTrimming, paper"
-            assert value - proven <= 1e-9 * entry["diagonal"] and (
-                as_printed or proven - value <= 1e-9 * entry["diagonal"]
+            assert value - certified <= 1e-9 * entry["diagonal"] and (
+                as_printed or certified - value <= 1e-9 * entry["diagonal"]
             )
         assert entry["lower_bound"] <= entry["upper"]
         assert entry["boxes"]["BiarcTrimming"] <= entry["boxes"]["AlgebraicEvents"]

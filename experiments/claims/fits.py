@@ -48,7 +48,7 @@ def check_quarter_circle(numbers):
         assert fit["active"] == maxima and fit["spread"] < 4 * np.finfo(float).eps and fit["optimality"] < 1e-15
         assert error["lower"] <= error["value"] <= error["upper"] <= error["lower"] + 1.01e-12
         assert abs(error["value"] - distance) < 1e-5 * distance
-        # The error curve, in rational arithmetic, stays below the proven bound.
+        # The error curve, in rational arithmetic, stays below the certified bound.
         assert np.max(np.abs(fit["curve"]["error"])) <= error["upper"]
 
 
@@ -58,7 +58,7 @@ def check_registration(numbers):
         for entry in (*problem["ours"], *problem["icp"], *problem["icp_then_ours"]):
             assert entry["lower"] <= entry["value"] <= entry["upper"]
         for alone, before, after in zip(problem["ours"], problem["icp"], problem["icp_then_ours"], strict=True):
-            # Never farther than the start, up to the proven bounds of either, nor than without ICP, to 1e-9.
+            # Never farther than the start, up to the certified bounds of either, nor than without ICP, to 1e-9.
             assert after["lower"] <= min(alone["upper"] + 1e-9, before["upper"])
         best = min(entry["upper"] for entry in problem["ours"] + problem["icp_then_ours"])
         if name == "copy":
@@ -85,7 +85,7 @@ def check_degree_reduction(numbers):
     fewer = 0
     for case in numbers["cases"]:
         ours, *others = case["methods"].values()
-        assert not case["not_proven_farther"] and all(other["lower"] > ours["upper"] for other in others)
+        assert not case["not_certified_farther"] and all(other["lower"] > ours["upper"] for other in others)
         # One maximum more than parameters; if any is missing, the best curve lies in a valley, found less sharply.
         missing = 2 * (case["degree"] - 1) + 1 - ours["active"]
         assert missing in (0, 1) and ours["optimality"] < (1e-8 if missing else 1e-14)

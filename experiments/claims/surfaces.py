@@ -23,11 +23,11 @@ def both_ways(mesh, shares):
 def check_ranges(numbers):
     for ways in numbers["surfaces"].values():
         least = ways["bernstein"]["levels"][-1]
-        assert all(way["proven"] <= least <= way["levels"][-1] for way in ways.values())
+        assert all(way["certified"] <= least <= way["levels"][-1] for way in ways.values())
         assert all(way["rate"] > 0 and way["seconds"] > 0 for way in ways.values())
     if full(numbers):
         kept = {
-            name: [ways[name]["levels"][-1] / ways[name]["proven"] for ways in numbers["surfaces"].values()]
+            name: [ways[name]["levels"][-1] / ways[name]["certified"] for ways in numbers["surfaces"].values()]
             for name in ("bernstein", "modified_affine", "interval")
         }
         assert max(kept["bernstein"]) < 1.03 and 8 < max(kept["interval"]) < 9.5
@@ -93,12 +93,12 @@ def check_surface_gallery(numbers):
 
 def check_lin03_field(numbers):
     for mesh in numbers["meshes"]:
-        assert mesh["closed"] and 0 < mesh["sampled"] <= mesh["proven"]
+        assert mesh["closed"] and 0 < mesh["sampled"] <= mesh["certified"]
         assert all(0 < way["lower"] <= way["upper"] < 4 * mesh["atol"] for way in mesh["hausdorff"].values())
     if full(numbers):
         assert [mesh["triangles"] for mesh in numbers["meshes"]] == [67_500, 48_000]
         for mesh in numbers["meshes"]:
-            assert max(mesh["proven"], *(way["upper"] for way in mesh["hausdorff"].values())) < 2 * mesh["atol"]
+            assert max(mesh["certified"], *(way["upper"] for way in mesh["hausdorff"].values())) < 2 * mesh["atol"]
             assert mesh["first_call"] < 15
 
 
@@ -246,7 +246,7 @@ def check_certificates(numbers):
             kind = found["claim"]["kind"]
             least, most = found["bounds"]["a_to_b" if kind == "directed" else kind]
             assert least - _APART < found["samples"] < most + _APART, name
-            assert found["proven"] and found["verify"] < 60, name
+            assert found["certified"] and found["verify"] < 60, name
             assert found["accepted"] == found["escaped"] == [] and found["by program"] == 4, name
             assert sum(found["forgeries"].values()) == numbers["forgeries"], name
             assert not full(numbers) or (found["verify"] < 1 and found["cells"] <= 100), name
