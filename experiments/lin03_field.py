@@ -159,7 +159,7 @@ def _slice(field: jhd.AdaptiveDistanceField, pixels: int) -> dict[str, Any]:
     steps = [np.linspace(a, b, pixels) for a, b in zip(lower[:2], upper[:2], strict=True)]
     x, y = np.meshgrid(*steps, indexing="ij")
     values = np.asarray(field(np.stack([x, y, np.full_like(x, height)], axis=-1)))
-    corners, sides = lower + spacing * np.asarray(field.places), spacing * np.asarray(field.widths)
+    corners, sides = lower + spacing * np.asarray(field.leaf_corners), spacing * np.asarray(field.widths)
     cut = (corners[:, 2] <= height) & (height < corners[:, 2] + sides)
     return {
         "lower": lower[:2],

@@ -120,6 +120,9 @@ def main(argv: list[str] | None = None) -> int:
         # Nobody can read the rest of the buffer; Python would print an error about it when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except TimeoutError as error:
+        print(f"jhd: {error}", file=sys.stderr)
+        return 1
     except OSError as error:
         # Errors of files have names, so a full disk without a name belongs to standard output.
         name = "standard output" if error.filename is None and error.errno in _FULL else error.filename
@@ -143,12 +146,12 @@ def _run(argv: list[str]) -> int:
     if options.demo is not None and options.command != "demo":
         raise ValueError(f"--out in front of {options.command} is for the demonstration; give it after the command.")
     _check_files(options)
-    from jhd._cli.console import interrupts_heard
+    from jhd._cli.console import interrupts_heard, switch_cache_on
 
     with interrupts_heard():
         from jhd._cli import commands
 
-        _switch_cache_on()
+        switch_cache_on()
         return getattr(commands, options.command)(options)
 
 
@@ -336,6 +339,7 @@ def _add_others(commands: Any) -> None:
     field.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
     tolerance = "tolerance of the interpolation"
     field.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
+    _add_max_seconds(field, "time in seconds after which no further level is refined (default: none)")
     _add_out(field, "field", ".npz", required=True)
     refined = "region that is refined: near the surface, or everywhere (default: band)"
     field.add_argument("--mode", choices=_MODES, default="band", help=refined)
@@ -435,22 +439,6 @@ def _add_collections(commands: Any) -> None:
     _add_search(pairwise, _METHOD_HELP.format("BranchAndBound"))
     for command in (nearest, duplicates):
         _add_search(command)
-
-
-def _switch_cache_on() -> None:
-    """Let JAX cache its compiled functions next to the cache of jhd, unless it has a cache folder already."""
-    import jax
-
-    from jhd._runtime.storage import chosen_folder, made
-
-    folder = chosen_folder()
-    if folder is None or jax.config.jax_compilation_cache_dir:  # pyright: ignore[reportAttributeAccessIssue]
-        return
-    if not made(folder / "jax"):
-        return
-    jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 if __name__ == "__main__":

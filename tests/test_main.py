@@ -347,7 +347,7 @@ def test_the_doctor_says_what_is_kept_and_why_a_folder_is_not_used(run, monkeypa
     monkeypatch.setattr(jhd, "hausdorff", lambda a, b, throw: solution)
     assert said() == "not kept: JHD_CACHE is 0, or there is no home folder"
     monkeypatch.setenv("JHD_CACHE", str(tmp_path))
-    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    monkeypatch.setattr("jhd._cli.console.switch_cache_on", lambda: None)
     folder = tmp_path / "programs"
     storage.write(folder, "one", bytes(10**6))
     assert said().startswith(f"{folder} (1.0 MB in 1 files, at most ")
@@ -359,7 +359,7 @@ def test_the_doctor_says_what_is_kept_and_why_a_folder_is_not_used(run, monkeypa
 @CPU_ONLY
 def test_warm_keeps_the_programs_of_the_kinds_that_are_named(run, monkeypatch, tmp_path):
     monkeypatch.setenv("JHD_CACHE", str(tmp_path / "kept"))
-    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    monkeypatch.setattr("jhd._cli.console.switch_cache_on", lambda: None)
     calls = []
     prepared = [Preparation(f"{kind}: one", partial(calls.append, kind)) for kind in ("plane", "meshes")]
     monkeypatch.setattr(commands, "preparations", lambda kinds, degree: calls.append((kinds, degree)) or prepared)
@@ -377,7 +377,7 @@ def test_warm_keeps_the_programs_of_the_kinds_that_are_named(run, monkeypatch, t
 @CPU_ONLY
 def test_warm_shows_a_bar(run, monkeypatch, tmp_path):
     monkeypatch.setenv("JHD_CACHE", str(tmp_path))
-    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    monkeypatch.setattr("jhd._cli.console.switch_cache_on", lambda: None)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setattr(commands, "preparations", lambda kinds, degree: [Preparation(x, int) for x in ("one", "two")])
     err = run("precompile", "plane")[2]
@@ -391,7 +391,7 @@ def test_warm_says_where_nothing_can_be_kept(run, monkeypatch, tmp_path):
         "jhd: error: JHD_CACHE is 0, or there is no home folder; set JHD_CACHE=FOLDER to keep compiled functions.\n"
     )
     monkeypatch.setenv("JHD_CACHE", str(tmp_path))
-    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    monkeypatch.setattr("jhd._cli.console.switch_cache_on", lambda: None)
     (tmp_path / "programs").write_text("")
     status, _, err = run("precompile")
     assert status == 2 and err.endswith("compiled functions are not kept there: it is no folder.\n")

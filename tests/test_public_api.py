@@ -22,6 +22,7 @@ DUNDERS = "__call__", "__getitem__"
 SIGNATURES = """
 AbstractCurve.__call__(t)
 AbstractCurve.elevate(degree)
+AbstractCurve.length(*, rtol=1e-06, atol=None, throw=True)
 AbstractCurve.split(t)
 AbstractCurve.to_cubics(tolerance, *, max_segments=1000000)
 AbstractCurve.to_polyline(tolerance, *, max_segments=1000000)
@@ -29,6 +30,7 @@ AbstractCurve.transform(matrix, offset=0.0)
 AbstractCurveMethod.serves(a, b)
 AbstractMethod.serves(a, b)
 AbstractPatch.__call__(u, v)
+AbstractPatch.area(*, rtol=0.0001, atol=None, throw=True)
 AbstractPatch.partials(u, v)
 AbstractPatch.to_mesh(tolerance, *, max_triangles=2000000)
 AbstractPatch.transform(matrix, offset=0.0)
@@ -37,11 +39,11 @@ AbstractSolution.__getitem__(index)
 AbstractStatistic.__call__(a, b, *, weights=None, rtol=0.001, atol=None, throw=True, max_seconds=None,
     progress=None)
 AbstractStatistic.estimate(a, b, weights=None, nodes=None)
-AdaptiveDistanceField(lower, spacing, roots, nodes, places, widths, corners, values, tolerance, depth, mode, sign,
+AdaptiveDistanceField(lower, spacing, roots, nodes, leaf_corners, widths, corners, values, tolerance, depth, mode, sign,
     unresolved)
 AdaptiveDistanceField.__call__(points)
 AdaptiveDistanceField.build(surface, tolerance, mode='band', *, sign=None, max_depth=12, max_cells=1500000,
-    progress=None, method=None)
+    max_seconds=None, progress=None, method=None)
 AdaptiveDistanceField.load(path)
 AdaptiveDistanceField.proven_error(surface, *, rtol=0.25, max_boxes=400000)
 AdaptiveDistanceField.sampled_error(surface, samples=100000, seed=0)
@@ -135,7 +137,7 @@ TriangleMesh.point(triangle, t)
 TriangleMesh.transform(matrix, offset=0.0)
 Voxels(cells, lower, spacing, proven)
 Witness(element, t, point, feet, feet_elements, feet_params, multipliers, event, direction)
-arc_length(curve, *, rtol=1e-06, atol=None, max_cells=262144, throw=True)
+arc_length(curve, *, rtol=1e-06, atol=None, max_cells=262144, throw=True, max_seconds=None)
 arithmetic.Interval(lower, upper)
 arithmetic.Interval.__getitem__(index)
 arithmetic.Interval.contains(x)
@@ -202,7 +204,7 @@ pairs_within(shapes, others=None, method=None, *, threshold, rtol=None, atol=Non
     progress=None)
 pairwise(shapes, others=None, method=None, *, rtol=None, atol=None, executor=None, store=None, max_seconds=None,
     progress=None)
-pivot_distances(shapes, points=None, *, executor=None, progress=None)
+pivot_distances(shapes, points=None, *, executor=None, max_seconds=None, progress=None)
 plot.curve(shape, ax=None, *, color='#0072B2', linestyle='-', label=None, control_polygon=True, samples=32)
 plot.deviation(found, ax=None, *, labels=('A', 'B'), unit=None, witness=True, color_bar=True)
 plot.distance_profile(a, b, ax=None, solution=None, *, labels=('A', 'B'), unit='input units', color='#0072B2',
@@ -240,9 +242,9 @@ signed_distance_transform(inside, spacing=1.0)
 soft_hausdorff(a, b, temperature, method=None)
 stack_curves(curves)
 stationary_points(points, curve, *, capacity=32, throw=True)
-surface_area(surface, *, rtol=0.0001, atol=None, max_cells=262144, throw=True)
+surface_area(surface, *, rtol=0.0001, atol=None, max_cells=262144, throw=True, max_seconds=None)
 verify(content, *, max_seconds=None, progress=None)
-voxelize(surface, cells, *, ranges='bernstein', progress=None)
+voxelize(surface, cells, *, ranges='bernstein', max_seconds=None, progress=None)
 """
 
 

@@ -147,7 +147,7 @@ def field(options: Namespace) -> int:
     build = jhd.AdaptiveDistanceField.build
     with busy("building; a first run compiles") as show:
         asked = {"mode": options.mode, "sign": options.sign}
-        made, seconds = timed(lambda: build(shape, tolerance, **asked, progress=show))
+        made, seconds = timed(lambda: build(shape, tolerance, **asked, max_seconds=options.max_seconds, progress=show))
         made.save(options.out)
         error = made.sampled_error(shape)
         if options.surface:

@@ -16,6 +16,7 @@ import jhd
 from jhd._cli.report import interrupted, progress_text, successful
 from jhd._results.solution import to_plain
 from jhd._runtime.starting import INTERRUPTED
+from jhd._runtime.storage import chosen_folder, made
 from jhd.progress import Callback, Progress
 
 # Seconds between updates of the elapsed time.
@@ -133,3 +134,15 @@ def device() -> str:
 def precision() -> str:
     """The precision of all numbers: float64 or float32."""
     return "float64" if jax.config.jax_enable_x64 else "float32"  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def switch_cache_on() -> None:
+    """Let JAX cache its compiled functions next to the cache of jhd, unless it has a cache folder already."""
+    folder = chosen_folder()
+    if folder is None or jax.config.jax_compilation_cache_dir:  # pyright: ignore[reportAttributeAccessIssue]
+        return
+    if not made(folder / "jax"):
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

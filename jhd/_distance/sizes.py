@@ -12,9 +12,10 @@ from jhd._distance.search.bodies import body_of
 from jhd._distance.search.body import joint_diagonal, together
 from jhd._results.unproven import NotProvenError
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, joined, real_array
+from jhd._runtime.clock import Clock
 from jhd._runtime.decimals import interval_text
 from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
-from jhd._shapes.checks import Numbers
+from jhd._shapes.checks import MEASURES, Numbers
 
 # Fraction of the gap that the cells which are cut leave.
 _LEFT = 0.2
@@ -29,6 +30,7 @@ def arc_length(
     atol: Numbers | None = None,
     max_cells: int = 1 << 18,
     throw: bool = True,
+    max_seconds: float | None = None,
 ) -> Bounds:
     """The length of a curve with certified bounds; parts that are traversed twice count twice.
 
@@ -45,20 +47,22 @@ def arc_length(
             the bounding box. The larger tolerance counts.
         max_cells: largest number of cells.
         throw: whether to raise NotProvenError if the bounds do not close; by default True.
+        max_seconds: wall time in seconds after which no further cells are cut; by default no limit.
 
     Returns:
         Bounds of the length, in the unit of the coordinates.
 
     Raises:
         TypeError: another shape than a curve, or a traced one.
-        ValueError: a tolerance that is negative or not one number, or `max_cells` below 16.
-        NotProvenError: `max_cells` were not enough, and `throw` is True. The exception carries the bounds reached.
+        ValueError: a tolerance that is negative or not one number, `max_cells` below 16, or `max_seconds` not positive.
+        NotProvenError: `max_cells` or `max_seconds` were not enough, and `throw` is True. The exception carries the
+            bounds reached.
     """
     curve = taken_as("curve", curve)
     check_shape("curve", curve)
     if body_of(curve).dimension != 1:
         raise TypeError(f"curve is a {type(curve).__name__}; needs a curve with a length.")
-    return _closed(curve, rtol, atol, max_cells, throw)
+    return _closed(curve, rtol, atol, max_cells, throw, Clock(max_seconds))
 
 
 def surface_area(
@@ -68,6 +72,7 @@ def surface_area(
     atol: Numbers | None = None,
     max_cells: int = 1 << 18,
     throw: bool = True,
+    max_seconds: float | None = None,
 ) -> Bounds:
     """The area of a parametric surface or a mesh with certified bounds; parts that lie on each other count twice.
 
@@ -85,14 +90,16 @@ def surface_area(
             the squared diagonal of the bounding box. The larger tolerance counts.
         max_cells: largest number of cells.
         throw: whether to raise NotProvenError if the bounds do not close; by default True.
+        max_seconds: wall time in seconds after which no further cells are cut; by default no limit.
 
     Returns:
         Bounds of the area, in the square of the unit of the coordinates.
 
     Raises:
         TypeError: another shape than a mesh or a parametric surface, or a traced one.
-        ValueError: a tolerance that is negative or not one number, or `max_cells` below 16.
-        NotProvenError: `max_cells` were not enough, and `throw` is True. The exception carries the bounds reached.
+        ValueError: a tolerance that is negative or not one number, `max_cells` below 16, or `max_seconds` not positive.
+        NotProvenError: `max_cells` or `max_seconds` were not enough, and `throw` is True. The exception carries the
+            bounds reached.
     """
     surface = taken_as("surface", surface)
     check_shape("surface", surface)
@@ -100,10 +107,13 @@ def surface_area(
         raise TypeError(f"surface must be a mesh or a parametric surface; got {type(surface).__name__}.")
     if body_of(surface).lacks_area():
         return Bounds(0.0, 0.0)
-    return _closed(surface, rtol, atol, max_cells, throw)
+    return _closed(surface, rtol, atol, max_cells, throw, Clock(max_seconds))
 
 
-def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bounds:
+MEASURES.update(length=arc_length, area=surface_area)
+
+
+def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool, clock: Clock) -> Bounds:
     """Return bounds of the length or area of a shape, cutting cells until they meet a tolerance."""
     if is_traced(shape):
         raise TypeError("the shape is traced; its cells depend on its numbers, so these must be concrete.")
@@ -133,11 +143,12 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool) -> Bo
         gap = flat.upper - flat.lower
         order = np.argsort(-gap)
         wide = order[: 1 + int(np.searchsorted(np.cumsum(gap[order]), (1 - _LEFT) * np.sum(gap)))]
-        if len(gap) + 3 * len(wide) > max_cells:
+        full = len(gap) + 3 * len(wide) > max_cells
+        if full or clock.is_over():
             if not throw:
                 return found
-            text = interval_text(found.lower, found.upper, ".6g")
-            raise NotProvenError(f"{max_cells} cells prove {text} only. Raise a tolerance or max_cells.", found)
+            text, limit = interval_text(found.lower, found.upper, ".6g"), "max_cells" if full else "max_seconds"
+            raise NotProvenError(f"{len(gap)} cells prove {text} only. Raise a tolerance or {limit}.", found)
         parts, _ = source.cut(cells.take(wide), flat.take(wide))
         kept = np.delete(np.arange(len(gap)), wide)
         cells = joined([cells.take(kept), parts])

@@ -29,6 +29,7 @@ from jhd._fields.checks import one_of, positive, whole
 from jhd._results.display import count_text, described, opaque, value_text
 from jhd._runtime.archives import read_arrays
 from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.clock import timed
 from jhd._runtime.files import replace_file
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
@@ -54,7 +55,7 @@ class AdaptiveDistanceField(eqx.Module):
         spacing: side of the finest cells. The box has `roots.shape << depth` finest cells along each axis.
         roots: for each cell of the coarsest grid the index of its node, or -1 - i for leaf i.
         nodes: for each node the same numbers for its eight children; child (x, y, z) has index 4 x + 2 y + z.
-        places: lower corners of the leaves, in units of finest cells.
+        leaf_corners: lower corners of the leaves, in units of finest cells.
         widths: sides of the leaves, in units of finest cells.
         corners: indices into `values` of the corners of each leaf, numbered like the children.
         values: distances in the unit of the mesh; leaves with a common corner use the same entry.
@@ -70,7 +71,7 @@ class AdaptiveDistanceField(eqx.Module):
     spacing: Float[Array, ""]
     roots: Int[Array, "x y z"]
     nodes: Int[Array, "nodes 8"]
-    places: Int[Array, "leaves 3"]
+    leaf_corners: Int[Array, "leaves 3"]
     widths: Int[Array, " leaves"]
     corners: Int[Array, "leaves 8"]
     values: Float[Array, " samples"]
@@ -98,6 +99,7 @@ class AdaptiveDistanceField(eqx.Module):
         sign: str | None = None,
         max_depth: int = 12,
         max_cells: int = 1_500_000,
+        max_seconds: float | None = None,
         progress: Callback | None = None,
         method: HasSearch | None = None,
     ) -> "AdaptiveDistanceField":
@@ -125,6 +127,7 @@ class AdaptiveDistanceField(eqx.Module):
             max_depth: largest number of halvings of the cells of the first grid, 0 to 15. The first grid has 9 to 16
                 cells along the longest side of the box.
             max_cells: number of cells beyond which no cell is split. Building a million cells takes 1.3 GB.
+            max_seconds: time limit in seconds, checked after each level; by default none.
             progress: callback that receives a Progress after each level.
             method: None computes exact distances. jhd.published.VertexVoxels(transform="vector_propagation") with
                 mode="full" gives algorithm 1 of Lin & Wang (2003) as published. It starts from one cube around the
@@ -141,8 +144,10 @@ class AdaptiveDistanceField(eqx.Module):
                 range; pseudonormals are requested for a mesh that is not closed and consistently oriented; a sign is
                 requested for an open parametric or implicit surface; `to_mesh` fails; or a method is given with another
                 mode or with a sign.
+            TimeoutError: the levels take longer than `max_seconds`.
         """
         shape, tolerance = taken_as("surface", surface), positive("tolerance", tolerance)
+        report = timed(progress, max_seconds)
         if method is not None and (mode != "full" or sign is not None):
             raise ValueError(f"mode is {mode!r} and sign {sign!r}; a method needs mode='full' and has its own signs.")
         sign = "winding" if sign is None else sign
@@ -153,10 +158,10 @@ class AdaptiveDistanceField(eqx.Module):
         grid = first_grid(drawn, tolerance) if method is None else bounding_cube(drawn)
         # A tolerance beyond floats in this unit refines all cells, or none.
         asked = _scaled(tolerance if drawn is shape else (1 - MESH_SHARE) * tolerance, -power)
-        tree = build_octree(Task(known, grid.scaled(-power), asked, one_of("mode", mode, MODES), depth, most, progress))
+        tree = build_octree(Task(known, grid.scaled(-power), asked, one_of("mode", mode, MODES), depth, most, report))
         numbers = (grid.lower, np.ldexp(grid.side, -tree.depth), _scaled(tree.values, power), tolerance)
         lower, spacing, values, tolerance_ = (jnp.asarray(x, known.dtype) for x in numbers)
-        names = ("roots", "nodes", "places", "widths", "corners")
+        names = ("roots", "nodes", "leaf_corners", "widths", "corners")
         integers = {name: jnp.asarray(getattr(tree, name), jnp.int32) for name in names}
         return cls(
             lower=lower,
@@ -233,9 +238,9 @@ class AdaptiveDistanceField(eqx.Module):
         power = int(common_exponent(np.asarray(known.lower), np.asarray(known.upper)))
         known = known._times(-power)
         at_corners = np.asarray(known.values)[np.asarray(known.corners)]
-        places, widths = (np.asarray(x, np.int64) for x in (known.places, known.widths))
+        leaf_corners, widths = (np.asarray(x, np.int64) for x in (known.leaf_corners, known.widths))
         cells = np.array(known.roots.shape) << known.depth
-        leaves = Leaves(places, widths, at_corners.min(axis=1), at_corners.max(axis=1), cells)
+        leaves = Leaves(leaf_corners, widths, at_corners.min(axis=1), at_corners.max(axis=1), cells)
         low, high = (np.asarray(x, np.float64) for x in (known.lower, known.upper))
         found = extracted(leaves, low, high, count, known._numbers)
         return TriangleMesh(np.ldexp(np.asarray(found.vertices), power), found.triangles)
@@ -366,8 +371,8 @@ class AdaptiveDistanceField(eqx.Module):
     def _boxes(self, surface: Surface) -> LeafBoxes:
         """The leaves in which errors are measured."""
         lower, spacing, values = (np.asarray(x, np.float64) for x in (self.lower, self.spacing, self.values))
-        places, widths, corners = (np.asarray(x) for x in (self.places, self.widths, self.corners))
-        boxes = LeafBoxes(lower + spacing * places, spacing * widths, values[corners])
+        leaf_corners, widths, corners = (np.asarray(x) for x in (self.leaf_corners, self.widths, self.corners))
+        boxes = LeafBoxes(lower + spacing * leaf_corners, spacing * widths, values[corners])
         boxes = boxes if self.mode == "full" else meeting(surface, boxes)
         if not len(boxes.width):
             raise ValueError("no leaf of the field meets the mesh; needs the mesh that it was built from.")
@@ -394,10 +399,10 @@ def _checked(content: Mapping[str, np.ndarray]) -> dict[str, Any]:
     }
     for name in ("lower", "spacing", "values", "tolerance"):
         known[name] = real_array(name, content[name])
-    for name in ("roots", "nodes", "places", "widths", "corners"):
+    for name in ("roots", "nodes", "leaf_corners", "widths", "corners"):
         known[name] = _indices(name, content[name])
     leaves, nodes = known["widths"].size, known["nodes"].shape[0]
-    shapes = {"lower": (3,), "spacing": (), "tolerance": (), "nodes": (nodes, 8), "places": (leaves, 3)}
+    shapes = {"lower": (3,), "spacing": (), "tolerance": (), "nodes": (nodes, 8), "leaf_corners": (leaves, 3)}
     shapes |= {"widths": (leaves,), "corners": (leaves, 8), "values": (known["values"].size,)}
     for name, shape in shapes.items():
         if known[name].shape != shape:
@@ -422,10 +427,10 @@ def _indices(name: str, given: np.ndarray) -> Array:
 
 def _check_leaves(known: dict[str, Any]) -> None:
     """Raise ValueError if leaves are out of the box, or lengths not positive."""
-    places, widths = np.asarray(known["places"], np.int64), np.asarray(known["widths"], np.int64)
+    leaf_corners, widths = np.asarray(known["leaf_corners"], np.int64), np.asarray(known["widths"], np.int64)
     cells = np.array(known["roots"].shape, np.int64) << known["depth"]
-    if widths.size and (places.min() < 0 or np.any(places + widths[:, None] > cells)):
-        raise ValueError(f"places has leaves out of the box, which is {cells.tolist()} finest cells.")
+    if widths.size and (leaf_corners.min() < 0 or np.any(leaf_corners + widths[:, None] > cells)):
+        raise ValueError(f"leaf_corners has leaves out of the box, which is {cells.tolist()} finest cells.")
     if not (known["spacing"] > 0 and known["tolerance"] > 0):
         raise ValueError(
             f"spacing is {known['spacing']:g} and tolerance {known['tolerance']:g}; needs positive lengths."

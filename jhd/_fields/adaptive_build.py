@@ -80,7 +80,7 @@ class Octree(NamedTuple):
         depth: halvings of the finest cells.
         values: signed distances at the samples that are corners of leaves.
         corners: the samples of each leaf, in the order of CORNERS.
-        places: lower corners of the leaves.
+        leaf_corners: lower corners of the leaves.
         widths: of the leaves.
         nodes: the children of each split cell: the number of a split cell, or -1 - the number of a leaf.
         roots: these numbers for the cells of the first level.
@@ -92,7 +92,7 @@ class Octree(NamedTuple):
     depth: int
     values: Float[np.ndarray, " samples"]
     corners: Int[np.ndarray, "leaves 8"]
-    places: Int[np.ndarray, "leaves 3"]
+    leaf_corners: Int[np.ndarray, "leaves 3"]
     widths: Int[np.ndarray, " leaves"]
     nodes: Int[np.ndarray, "nodes 8"]
     roots: Int[np.ndarray, "x y z"]
@@ -302,14 +302,14 @@ def _open(samples: Samples, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _assembled(grid: Grid, levels: list[_OctreeLevel], samples: Samples, unresolved: int) -> Octree:
     """The octree of all levels, with only the samples that leaves use."""
     depth, leaves, nodes = len(levels) - 1, 0, 0
-    codes, places, corners, widths = [], [], [], []
+    codes, leaf_corners, corners, widths = [], [], [], []
     for k, level in enumerate(levels):
         leaf = ~level.split
         code = np.empty(len(level.cells), np.int32)
         code[leaf] = -1 - (leaves + np.arange(leaf.sum()))
         code[level.split] = nodes + np.arange(level.split.sum())
         codes.append(code)
-        places.append(level.cells[leaf].astype(np.int32) << (depth - k))
+        leaf_corners.append(level.cells[leaf].astype(np.int32) << (depth - k))
         corners.append(level.corners[leaf])
         widths.append(np.full(leaf.sum(), 1 << (depth - k), np.int32))
         leaves, nodes = leaves + int(leaf.sum()), nodes + int(level.split.sum())
@@ -320,7 +320,7 @@ def _assembled(grid: Grid, levels: list[_OctreeLevel], samples: Samples, unresol
         depth=depth,
         values=samples.signed[used],
         corners=number.reshape(-1, 8).astype(np.int32),
-        places=np.concatenate(places),
+        leaf_corners=np.concatenate(leaf_corners),
         widths=np.concatenate(widths),
         nodes=below,
         roots=codes[0].reshape(grid.shape),

@@ -28,7 +28,7 @@ class LeafCells(NamedTuple):
     spacing: Float[Array, ""]
     roots: Int[Array, "x y z"]
     nodes: Int[Array, "nodes 8"]
-    places: Int[Array, "leaves 3"]
+    leaf_corners: Int[Array, "leaves 3"]
     widths: Int[Array, " leaves"]
     corners: Int[Array, "leaves 8"]
     values: Float[Array, " samples"]
@@ -52,7 +52,7 @@ def value_at(cells: LeafCells, point: Float[Array, "3"], depth: int) -> Float[Ar
     # Which cell holds the point has no derivative.
     cell = jnp.clip(jnp.floor(lax.stop_gradient(u)).astype(jnp.int32), 0, jnp.asarray(count - 1, jnp.int32))
     leaf = _leaf(cells, cell, depth)
-    w = (u - cells.places[leaf]) / cells.widths[leaf]
+    w = (u - cells.leaf_corners[leaf]) / cells.widths[leaf]
     offset = point - inside
     return interpolated(cells.values[cells.corners[leaf]], w) + length(offset)
 

@@ -31,14 +31,14 @@ class Leaves(NamedTuple):
     """Leaves, with corners and widths counted in finest cells, `count` of which fill the box along each axis.
 
     Args:
-        places: lower corners of the leaves.
+        leaf_corners: lower corners of the leaves.
         widths: of the leaves.
         least: the smallest value at the corners of each leaf.
         most: the largest value at the corners of each leaf.
         count: finest cells along each axis.
     """
 
-    places: Int[np.ndarray, "leaves 3"]
+    leaf_corners: Int[np.ndarray, "leaves 3"]
     widths: Int[np.ndarray, " leaves"]
     least: Float[np.ndarray, " leaves"]
     most: Float[np.ndarray, " leaves"]
@@ -131,7 +131,7 @@ def _blocks(leaves: Leaves, cells: np.ndarray) -> Int[np.ndarray, "blocks 3"]:
     shape = -(-cells // _SIDE)
     marks = np.zeros((2, *shape), bool)
     # Ends are moved by one, since samples are rounded.
-    below, above = leaves.places * cells - 1, (leaves.places + leaves.widths[:, None]) * cells + 1
+    below, above = leaves.leaf_corners * cells - 1, (leaves.leaf_corners + leaves.widths[:, None]) * cells + 1
     first = np.maximum(-(-below // (_SIDE * leaves.count)) - 1, 0)
     last = np.minimum(above // (_SIDE * leaves.count), shape - 1)
     for mark, which in zip(marks, (leaves.most >= 0, leaves.least <= 0), strict=True):

@@ -27,6 +27,7 @@ from jhd._arithmetic import exact_polynomials, trivariate
 from jhd._fields.boxes import CORNERS, children
 from jhd._results.display import count_text, described, is_known, opaque, value_text
 from jhd._runtime.arrays import is_traced
+from jhd._runtime.clock import timed
 from jhd._runtime.compiled import optimized
 from jhd._runtime.memory import check_memory
 from jhd._shapes.checks import empty_surface
@@ -83,6 +84,7 @@ def voxelize(
     cells: int,
     *,
     ranges: str = "bernstein",
+    max_seconds: float | None = None,
     progress: Callback | None = None,
 ) -> Voxels:
     """Grid cells in the box of an implicit surface that may contain a point of the surface, by octree subdivision.
@@ -96,10 +98,11 @@ def voxelize(
     (8, 8)
 
     Args:
-        surface: implicit surface with known coefficients; it cannot be traced, as the number of cells depends on it.
+        surface: implicit surface; it cannot be traced, as the number of cells depends on its coefficients.
         cells: number of cells along each axis, 1 to 2^20; not only powers of two.
         ranges: how the range of the polynomial over a cell is bounded: "bernstein" (the default, which keeps the fewest
             cells), "modified_affine" (as published), "interval", "horner" or "centered".
+        max_seconds: time limit in seconds, checked several times per level; by default none.
         progress: callback that receives a Progress several times per level.
 
     Returns:
@@ -109,10 +112,11 @@ def voxelize(
         TypeError: the shape is no implicit surface, it is traced, or `cells` is no whole number.
         ValueError: `cells` is out of range, `ranges` is unknown, or the surface is proven to be empty in its box.
         MemoryError: the cells of the next level would need more memory than is free.
+        TimeoutError: the cells of all levels take longer than `max_seconds`.
     """
     cells, ranges = checked_cells(cells), _checked_ranges(ranges)
     grid = _grid(surface, cells)
-    found = _descend(grid, ranges, progress)
+    found = _descend(grid, ranges, timed(progress, max_seconds))
     if not len(found):
         raise empty_surface()
     sides = [high - low for low, high in grid.box]
@@ -169,7 +173,7 @@ class _VoxelGrid(NamedTuple):
 def _grid(surface: ImplicitSurface, cells: int) -> _VoxelGrid:
     check_surface("surface", surface)
     if is_traced(surface):
-        raise TypeError("surface is traced; needs a known surface, as the number of cells depends on it.")
+        raise TypeError("surface is traced; needs a concrete surface, as the number of cells depends on it.")
     levels = (cells - 1).bit_length()
     lower, upper = ([Fraction(float(x)) for x in np.asarray(end)] for end in surface.bounds)
     box = list(zip(lower, upper, strict=True))

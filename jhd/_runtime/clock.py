@@ -2,6 +2,8 @@
 
 import math
 import time
+from collections.abc import Callable
+from typing import Any
 
 
 class OutOfTimeError(Exception):
@@ -75,3 +77,18 @@ class Clock:
         del progress
         if self.is_closed():
             raise TimeLimit
+
+
+def timed(progress: Callable[[Any], object] | None, seconds: float | None) -> Callable[[Any], object] | None:
+    """A progress callback for a call that has no answer before its end: it raises TimeoutError when the time is up."""
+    if seconds is None:
+        return progress
+    clock = Clock(seconds)
+
+    def report(reached: Any) -> None:
+        if progress is not None:
+            progress(reached)
+        if clock.is_over():
+            raise TimeoutError(f"max_seconds = {seconds:g} is over. Raise it, or ask for less.")
+
+    return report

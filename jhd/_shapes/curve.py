@@ -16,11 +16,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
+from jhd._results.bounds import Bounds
 from jhd._results.display import batch_text, count_text, described, is_known, net_text, opaque
 from jhd._runtime.arrays import array_of, is_traced, module_of, on_host, real_array
 from jhd._shapes import convert, sketches
 from jhd._shapes.approximation import Approximation, checked_tolerance
-from jhd._shapes.checks import Numbers, check_degrees, checked_between, checked_net, checked_parameter
+from jhd._shapes.checks import MEASURES, Numbers, check_degrees, checked_between, checked_net, checked_parameter
 from jhd._shapes.flattening import flattened, pieces_following
 from jhd._shapes.foreign import HasVertices, ShapelyGeometry
 from jhd._shapes.homogeneous import affine_image, cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
@@ -62,6 +63,27 @@ class AbstractCurve(eqx.Module):
     @abstractmethod
     def _summary(self) -> str:
         """Degree and counts, for the curve as it is printed."""
+
+    def length(self, *, rtol: Numbers = 1e-6, atol: Numbers | None = None, throw: bool = True) -> Bounds:
+        """The length of the curve with certified bounds, as `jhd.arc_length` computes them.
+
+        >>> import jhd
+        >>> print(f"{jhd.polyline([(0, 0), (3, 4)]).length():.3f}")
+        [4.999, 5.001]
+
+        Args:
+            rtol: tolerance on `upper - lower`, relative to `upper`.
+            atol: absolute tolerance on `upper - lower`, in the unit of the coordinates.
+            throw: whether to raise NotProvenError if the bounds do not close; by default True.
+
+        Returns:
+            Bounds of the length, in the unit of the coordinates.
+
+        Raises:
+            TypeError: the curve is a point set, or it is traced.
+            NotProvenError: the bounds do not close, and `throw` is True.
+        """
+        return MEASURES["length"](self, rtol=rtol, atol=atol, throw=throw)
 
     def __repr__(self) -> str:
         return opaque(self) or described(self, self._summary(), net_text(self.control_points, self.weights))

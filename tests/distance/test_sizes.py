@@ -65,11 +65,23 @@ def test_what_has_no_length_or_area_is_refused_and_an_open_gap_is_an_error():
     for message, options in refused.items():
         with pytest.raises(ValueError, match=message):
             jhd.arc_length(jhd.circle((0, 0), 1.0), **options)
-    with pytest.raises(jhd.NotProvenError, match="64 cells prove .* only") as caught:
+    with pytest.raises(jhd.NotProvenError, match="cells prove .* only. Raise a tolerance or max_cells") as caught:
         jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_cells=64)
     assert caught.value.solution.lower <= 2 * math.pi <= caught.value.solution.upper
     known = jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_cells=64, throw=False)
     assert known.to_dict() == caught.value.solution.to_dict()
+    with pytest.raises(jhd.NotProvenError, match="cells prove .* only. Raise a tolerance or max_seconds"):
+        jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_seconds=1e-9)
+
+
+def test_shapes_have_their_length_and_area():
+    surface = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[3, 0, 0], [3, 2, 0]]])
+    for found, exact in ((jhd.polyline([(0, 0), (3, 4)]).length(), 5), (surface.area(), 6)):
+        assert exact - 1e-9 < found.lower <= exact <= found.upper < exact + 1e-9
+    assert (
+        jhd.circle((0, 0), 1.0).length(rtol=1e-3).to_dict()
+        == jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-3).to_dict()
+    )
 
 
 def test_more_cells_never_prove_less():

@@ -73,7 +73,7 @@ def full():
 
 def boxes(field):
     """Lower corners, sides and values of the leaves."""
-    lower = np.asarray(field.lower) + float(field.spacing) * np.asarray(field.places)
+    lower = np.asarray(field.lower) + float(field.spacing) * np.asarray(field.leaf_corners)
     return lower, float(field.spacing) * np.asarray(field.widths), np.asarray(field.values)[np.asarray(field.corners)]
 
 
@@ -368,10 +368,10 @@ def test_files_that_hold_no_field_are_refused_with_their_name(full, tmp_path, ar
 
 @pytest.mark.parametrize("shift", [-1, 1 << 20])
 def test_a_field_with_leaves_out_of_its_grid_is_refused(full, tmp_path, shift):
-    places = np.asarray(full.places).copy()
+    places = np.asarray(full.leaf_corners).copy()
     places[0] += shift
-    changed(full, tmp_path / "field.npz", places=places)
-    with pytest.raises(ValueError, match="field.npz: places has leaves out of the box"):
+    changed(full, tmp_path / "field.npz", leaf_corners=places)
+    with pytest.raises(ValueError, match="field.npz: leaf_corners has leaves out of the box"):
         AdaptiveDistanceField.load(tmp_path / "field.npz")
 
 

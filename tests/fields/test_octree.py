@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from jhd import AdaptiveDistanceField, pivot_distances, polyline
 from jhd._arithmetic.trivariate import RANGES
 from jhd._fields import octree
 from jhd._fields.octree import voxelize
@@ -182,6 +183,17 @@ def test_without_exact_signs_less_is_proven_and_nothing_else(monkeypatch):
     # Positive everywhere, within cells by more than rounding, at their corners by less.
     voxels = voxelize(parsed("x^2*(x^2 - 1)^2*(x^2 - 4)^2 + 1e-18"), 4)
     assert voxels.count > 0 and not voxels.proven.any()
+
+
+def test_calls_without_an_answer_before_their_end_raise_at_the_time_limit():
+    ball = sphere((0, 0, 0), 1, -2, 2)
+    for call in (
+        lambda: voxelize(ball, 64, max_seconds=1e-9),
+        lambda: AdaptiveDistanceField.build(ball, 0.1, max_seconds=1e-9),
+        lambda: pivot_distances([polyline([(0, 0), (1, 0)])], [(0, 2)], max_seconds=1e-9),
+    ):
+        with pytest.raises(TimeoutError, match="max_seconds = 1e-09 is over"):
+            call()
 
 
 def test_progress_tells_the_level_and_the_counts():

@@ -40,6 +40,7 @@ from jhd._results.batches import AbstractOutcome
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import check_whole, real_array, same_arrays
 from jhd._runtime.c_library import give_back
+from jhd._runtime.clock import timed
 from jhd._shapes.as_shape import ShapeLike
 from jhd._shapes.checks import Numbers
 from jhd.progress import Callback, Progress
@@ -340,6 +341,7 @@ def pivot_distances(
     points: Numbers | None = None,
     *,
     executor: Executor | None = None,
+    max_seconds: float | None = None,
     progress: Report = None,
 ) -> PivotDistances:
     """Certified distances of shapes from fixed points.
@@ -355,6 +357,7 @@ def pivot_distances(
         shapes: a sequence of shapes of any kinds and of one dimension, or of objects that `jhd.as_shape` accepts.
         points: the points, (points, dim); by default a lattice over the shapes.
         executor: any concurrent.futures.Executor; by default one thread for each processor.
+        max_seconds: time limit in seconds, checked from time to time; by default none.
         progress: a function that is called with a Progress from time to time.
 
     Returns:
@@ -363,11 +366,13 @@ def pivot_distances(
     Raises:
         TypeError: an object that is not a shape, traced shapes, or points that are not real numbers.
         ValueError: an empty collection, shapes of the plane and of space, or points of another dimension.
+        TimeoutError: the distances take longer than `max_seconds`.
     """
     a, _ = both_collections("shapes", shapes, "others", None)
+    report = timed(progress, max_seconds)
     lattice = None if points is not None else lattice_over(a)
     with workers(executor) as pool:
-        return _signed(pool, a, lattice, points, progress)
+        return _signed(pool, a, lattice, points, report)
 
 
 def _check_method(
