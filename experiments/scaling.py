@@ -19,7 +19,7 @@ from the compile cache. Compilation is timed for one direction, from the call to
 
 Claims: 2000 x 2000 segments are certified to 1e-10 of the diagonal in a tenth of a second a direction, in fewer than
 n + 64 cells of n segments, and in bounded memory: less than 10 MB for the tables of a compiled function, less than 1 GB
-for the process. Tracing and compiling take 8 to 25 s. The start of the search grows more slowly than the number of
+for the process. Tracing and compiling take 8 to 40 s. The start of the search grows more slowly than the number of
 segments, and takes a quarter or more of a plain call from 385 segments on. A k-d tree is faster for few segments. For
 2000 segments of the noisy pairs it takes about as long (0.3 to 2 times), and has an error of 1e-6 of the diagonal
 instead of a proof.

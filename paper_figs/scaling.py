@@ -6,7 +6,7 @@ Caption: Time, cells, memory and compile time for 1 to 2000 segments, with the s
 (`jhd.inline_searches`). Lines join sizes that functions are compiled for; open marks are sizes that are padded to
 the next one. 2000 x 2000 segments are certified to 1e-10 of the diagonal in less than a tenth of a second in each
 direction, with fewer than n + 64 cells for n segments and less than 1 GB of memory. Above 384 segments the search runs
-in blocks, whose tables are smaller. Tracing and compiling take 8 to 25 s.
+in blocks, whose tables are smaller. Tracing and compiling take 8 to 40 s.
 
 Alt text: Four panels against the number of segments on a logarithmic axis: times of five calls, numbers of cells, and
 memory as lines with filled and open marks, and stacked bars of tracing and compile time.

@@ -4,7 +4,7 @@ The horizontal line is a plain loop of calls.
 
 Caption: Pairs per second and CPU time per pair against the number of workers: threads, processes, Dask and simulated
 devices; the horizontal line is a plain loop of calls. Results are bitwise identical for all kinds and numbers of
-workers, at less than a quarter of the CPU time of the loop.
+workers, at less than a third of the CPU time of the loop.
 
 Alt text: Two line plots against one to eight workers. Pairs per second rise from one to two workers and then level off;
 the CPU time of a pair stays level, far below the line of the plain loop.

@@ -58,13 +58,20 @@ def test_distances_of_an_explicitly_sharded_batch():
     np.testing.assert_array_equal(found.witness.feet, known.witness.feet)
 
 
-def test_plain_calls_do_not_see_the_mesh_of_the_user():
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda x, height: jhd.BezierCurve(x[:, :2]),
+        pytest.param(lambda x, height: jhd.BezierPatch(x.reshape(2, 2, 3) + [0, 0, height]), marks=pytest.mark.slow),
+    ],
+    ids=["curves", "patches"],
+)
+def test_plain_calls_do_not_see_the_mesh_of_the_user(made):
     rows = np.random.default_rng(6).normal(size=(2, 4, 3))
 
     def found():
-        curves = [jhd.BezierCurve(x[:, :2]) for x in rows]
-        patches = [jhd.BezierPatch(x.reshape(2, 2, 3) + [0, 0, height]) for x, height in zip(rows, (0, 5), strict=True)]
-        return [call(a, b) for call in (jhd.hausdorff, jhd.minimum_distance) for a, b in (curves, patches)]
+        a, b = (made(x, height) for x, height in zip(rows, (0, 5), strict=True))
+        return [call(a, b) for call in (jhd.hausdorff, jhd.minimum_distance)]
 
     known = found()
     with jax.set_mesh(MESH):

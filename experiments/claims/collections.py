@@ -59,7 +59,7 @@ def check_workers(numbers):
         assert all("bits" in entry for entry in others) and len(others) >= 11
         assert {entry["kind"] for entry in others} >= {"threads", "processes", "Dask", "devices"}
         costs = {(entry["kind"], entry["workers"]): entry["cpu_a_pair"] for entry in others}
-        assert all(cost < min(plain["cpu_a_pair"] / 4, 1.3 * costs[kind, 1]) for (kind, _), cost in costs.items())
+        assert all(cost < min(plain["cpu_a_pair"] / 3, 1.3 * costs[kind, 1]) for (kind, _), cost in costs.items())
 
 
 def check_to_a_million(numbers):

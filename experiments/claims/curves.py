@@ -236,7 +236,7 @@ def check_scaling(numbers):
         # In blocks tables are smaller again.
         reserved = {program["padded"]: program["directed, reserved"] for program in numbers["programs"]}
         assert reserved[768] < reserved[384] / 2 and numbers["cold"]
-        assert all(8 < program["trace"] + program["compile"] < 25 for program in numbers["programs"])
+        assert all(8 < program["trace"] + program["compile"] < 40 for program in numbers["programs"])
 
 
 def check_sampling_versus_proof(numbers):
@@ -251,9 +251,9 @@ def check_sampling_versus_proof(numbers):
     if full(numbers):
         assert len(numbers["pairs"]) == 4 and numbers["pairs"]["splines"]["segments"] == [90, 90]
         ours, *_, tree = numbers["directed"]
-        assert ours["seconds"] < 1e-3 and tree["seconds"] > 250 * ours["seconds"]
+        assert ours["seconds"] < 3e-3 and tree["seconds"] > 250 * ours["seconds"]
         both = {e["tolerance"]: e["seconds"] for e in numbers["pairs"]["splines"]["entries"] if e["method"] == "jhd"}
-        assert both[numbers["chosen"]] < 2e-3 and numbers["chosen"] == 1e-10
+        assert both[numbers["chosen"]] < 4e-3 and numbers["chosen"] == 1e-10
         assert 5e-10 < tree["errors"][0] < 2e-9 and 5e-7 < tree["errors"][1] < 2e-6 and max(ours["errors"]) < 1e-10
         entries = numbers["pairs"]["cubics"]["entries"]
         (certified,) = (e["seconds"] for e in entries if e["method"] == "jhd" and e["tolerance"] == numbers["chosen"])

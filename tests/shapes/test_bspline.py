@@ -500,6 +500,7 @@ def test_a_degree_in_the_place_of_an_array_is_named(arguments):
         BSplineCurve(POINTS, *arguments)
 
 
+@pytest.mark.slow
 def test_knots_that_an_optimizer_has_let_decrease_are_refused():
     curve = BSplineCurve(POINTS, CLOSED, periodic=True)
     steps = BSplineCurve(POINTS, np.arange(8.0))

@@ -353,6 +353,7 @@ def test_a_part_of_a_spline_surface_is_the_surface_there(weighted):
         jax.jit(lambda u: surface.restrict(u, 1, 3, 6).control_points)(0.5)
 
 
+@pytest.mark.slow
 def test_knots_may_be_differentiated_where_the_points_are_known():
     points, other = np.random.default_rng(0).normal(size=(4, 3, 3)), [0.0, 0, 0, 1, 1, 1]
 

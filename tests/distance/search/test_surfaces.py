@@ -92,6 +92,7 @@ def test_a_single_line_gets_no_number():
         assert (float(solution.lower), float(solution.upper)) == (0.0, math.inf)
 
 
+@pytest.mark.slow
 def test_a_single_point_is_a_surface_where_the_stored_polynomial_has_it():
     point = parsed("(x - 0.25)^2 + y^2 + z^2")
     check(jhd.directed_hausdorff(point, SPHERE), 0.75, 1e-9)
