@@ -58,15 +58,15 @@ _SETTLED = 8
 
 
 class NearestOnCurve(eqx.Module):
-    """Bounds of the distance from a point to a curve, and the foot that attains the upper bound."""
+    """Bounds of the distance from a point to a curve, and the foot that attains the upper bound; or of many points."""
 
-    distance: Float[Array, ""]
-    lower: Float[Array, ""]
-    upper: Float[Array, ""]
-    segment: Int[Array, ""]
-    t: Float[Array, ""]
-    closed: Bool[Array, ""]
-    steps: Int[Array, ""]
+    distance: Float[Array, "*queries"]
+    lower: Float[Array, "*queries"]
+    upper: Float[Array, "*queries"]
+    segment: Int[Array, "*queries"]
+    t: Float[Array, "*queries"]
+    closed: Bool[Array, "*queries"]
+    steps: Int[Array, "*queries"]
 
 
 class _SegmentCell(eqx.Module):
