@@ -7,7 +7,7 @@ parameter c after k steps comes from a run with at most k steps, which takes ide
 
 Claims: c comes within 1e-16 of 0.551915024493510570743562722793 in 8, 5 and 9 steps from 0.3, 0.5 and 0.8, faster than
 linearly (6.6e-5, 3.0e-9, 2.7e-17 from 0.5); the errors, certified to 1e-12, are the known 1.960764699e-4, 6.84399e-5,
-5.50781e-5 and 7.7034e-10; all four fits are stationary to 3e-16, with 3, 5, 7 and 9 maxima equal to 3e-16.
+5.50781e-5 and 7.7034e-10; all four fits are stationary to 5e-16, with 3, 5, 7 and 9 maxima equal to 5e-16.
 
 Feeds: figure "quarter circle" and the table of fits.
 Takes: 2 minutes, one of them once compiled.

@@ -8,8 +8,8 @@ for the range alone, on cells about the surface, and for a whole voxelization at
 
 Claims: Bernstein coefficients keep the fewest cells on every surface, at most 3 % more than are certified to hold a
 point. Modified affine arithmetic keeps 3 to 34 % more than certified, the power form of interval arithmetic up to nine
-times as many. A Bernstein range takes at most twice as long as one of modified affine arithmetic, and a voxelization at
-most 1.5 times as long.
+times as many. A Bernstein range takes at most 2.5 times as long as one of modified affine arithmetic, and a
+voxelization at most twice as long.
 
 Feeds: figure "ranges" and its table.
 Takes: 4 minutes.

@@ -232,7 +232,8 @@ def _distributed(
     listener.interrupted = listener.late or name_of(maximum.result) == "interrupted"
     found = drive(search, listener)
     if source.dimension and not _is_extended(source, found.cells):
-        raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}, so averages are undefined.")
+        size = ("length", "area")[source.dimension - 1]
+        raise ValueError(f"a has no {size} above the rounding of its coordinates, so averages are undefined.")
     flat = found.cells.flat
     return (
         found,
