@@ -8,7 +8,7 @@ that give the printed interval. Measured here, on one core, once compiled:
 - the published rule on these cells: its interval compared with the printed one; seconds for the cells, and for all
   pairs of cells, in tiles and by the separable form of this maximum of minima;
 - cells kept on each level by five ranges of the polynomial; finer cells;
-- the safe rule, which is certified; and BranchAndBound to tolerances from 0.1 to 1e-11.
+- the safe rule, whose bounds are certified; and BranchAndBound to tolerances from 0.1 to 1e-11.
 
 Claims: the printed interval is reproduced to ten digits, more than a million times as fast. It holds the distance,
 (sqrt(43) - 4) / 3. Cells of half the edge halve the width and make 15 to 16 times as many pairs. BranchAndBound proves

@@ -2,10 +2,10 @@
 
 Biarcs replace five curves: a convex cubic, a cubic that inflects, a cubic with a cusp, an ellipse of rational
 quadratics, and a closed cubic spline of 24 control points. Tolerances go from 1e-1 to 1e-8 of the diagonal of the box.
-The number of arcs is compared with theory. With curvature k and arc length s, a biarc of length L errs by
-|dk/ds| L^3 / 324. If all biarcs of a curve err by one tolerance e, the curve has 2 int |dk/ds|^(1/3) ds / (324 e)^(1/3)
-arcs. Halving can miss that number by a factor of two. Proven deviations are compared with the distances of samples of
-each piece from its arc, and with the Hausdorff distance of curve and arcs, certified by branch and bound.
+The number of arcs is compared with theory. With curvature k and arc length s, a biarc of length L errs by |dk/ds| L^3 /
+324. If all biarcs of a curve err by one tolerance e, the curve has 2 int |dk/ds|^(1/3) ds / (324 e)^(1/3) arcs. Halving
+can miss that number by a factor of two. Certified deviations are compared with the distances of samples of each piece
+from its arc, and with the Hausdorff distance of curve and arcs, certified by branch and bound.
 
 Claims: from a tolerance of 1e-4 on the number grows with its power -0.31 to -0.34, and is 1.3 to 2.0 times the number
 by theory; no sample lies beyond the deviation certified for its arc; the farthest sample and the Hausdorff distance,
@@ -95,7 +95,7 @@ def _at(curve: jhd.BezierSegments, share: float, diagonal: float) -> dict[str, A
     most = float(certified.max())
     # The last term is the rounding error of the distance from a point to an arc.
     if not (np.all(sampled <= certified + 1e-14 * diagonal) and most <= share * diagonal):
-        raise AssertionError(f"a deviation is not what is certified at {share:g} of the diagonal")
+        raise AssertionError(f"a deviation exceeds its certified bound at {share:g} of the diagonal")
     method = jhd.BranchAndBound(atol=GAP * most, max_steps=STEPS)
     distance = jhd.hausdorff(curve, arcs.segments(), method)
     if float(distance.lower) > most:

@@ -167,7 +167,7 @@ def _checked(made: Made, others: list[Made], folder: Path, random: np.random.Gen
         "certify": made.seconds,
         "verify": spent,
         "within": within,
-        "certified": status == 0,
+        "verified": status == 0,
         "forgeries": Counter(forgery.group for forgery in tried),
         "changes": Counter(forgery.change for forgery in tried),
         "accepted": [x.change for x, answer in zip(tried, answers, strict=True) if answer == "accepted"],

@@ -8,10 +8,10 @@ Then the nearest letters are searched without the matrix. Boxes give a first cer
 letters, hausdorff_at_most decides if they are nearer than the best so far; only then their distance is computed. For
 comparison, SciPy's k-d tree on samples of the outlines, in one process on one core, trees built once for each letter.
 
-Claims: every distance has bounds closer than 1e-9 x-heights. Every nearest letter is certified, or tied with another
-one within that distance (i and l of STIX General reach equally far beyond those of DejaVu Sans). The search finds the
-matrix's results with less than a tenth of its distances. Samples 0.002 x-heights apart take longer than the proof, and
-err by up to 0.6 of this spacing.
+Claims: every distance has bounds closer than 1e-9 x-heights. Every nearest letter is certified to be one, or tied with
+another one within that distance (i and l of STIX General reach equally far beyond those of DejaVu Sans). The search
+finds the matrix's results with less than a tenth of its distances. Samples 0.002 x-heights apart take longer than the
+proof, and err by up to 0.6 of this spacing.
 
 Feeds: figure and tables "letters of two fonts".
 Takes: 2 minutes, 1 once compiled.
@@ -165,7 +165,7 @@ class _Box(NamedTuple):
         return _Box(signed[:, [0, -1]].max(axis=(0, 1)), signed.max(axis=(0, 1)))
 
     def distance(self, other: "_Box") -> float:
-        """Return a certified lower bound of the Hausdorff distance: one curve reaches beyond the other box."""
+        """Return a certified lower bound of the Hausdorff distance: how far one curve leaves the other's box."""
         reach = max(np.max(self.inner - other.outer), np.max(other.inner - self.outer), 0.0)
         return float(np.nextafter(reach, -np.inf))
 

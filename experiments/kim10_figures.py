@@ -110,7 +110,7 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
     lower = float(np.max(read))
     if not 0 <= float(certified.lower) - lower <= 2 * float(field.max_error):
         raise AssertionError(
-            f"LB is {lower:g}; the distance is {certified}, what is subtracted {float(field.max_error):g}"
+            f"LB is {lower:g}; the distance is {certified}, the subtracted error {float(field.max_error):g}"
         )
     p, q, frame = prepare(a, b)
     mine, others = both_arcs(HostPair.of(p, q), float(frame.common(FINE * diagonal)))

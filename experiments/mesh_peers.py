@@ -242,7 +242,7 @@ def _table_of_distances(found: list[dict[str, Any]]) -> str:
     for way in found:
         numbers = [f"{way['value']:.9f}", f"{100 * way['error']:+.3f}", f"{way['seconds']:.2f}", f"{way['ratio']:.1f}"]
         rows.append([way["name"], way.get("samples", ""), *numbers])
-    bounds = f"Proven: {found[0]['lower']:.12f} to {found[0]['upper']:.12f}."
+    bounds = f"Certified: {found[0]['lower']:.12f} to {found[0]['upper']:.12f}."
     return markdown(header, rows) + "\n\n" + bounds
 
 

@@ -8,7 +8,7 @@ schedule and the best of three rates. It minimizes three distances of samples of
 smoothed until it has at most as many knots. jhd.hausdorff proves the errors of all. Each method runs once before it is
 timed, in CPU seconds.
 
-Claims: the fit is nearer than its start and than every other method, certified, for all numbers of vertices; its
+Claims: the fit is certified to be nearer than its start and than every other method, for all numbers of vertices; its
 time grows more slowly than the number of vertices.
 
 Feeds: figure "cubics to noisy outlines" and its table.

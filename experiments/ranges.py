@@ -3,12 +3,12 @@
 Surfaces from a cone to the Barth sextic are voxelized at 64^3 with each of the five ways to bound a polynomial over a
 box that jhd offers: the power form and Horner's scheme in interval arithmetic, the centered form, modified affine
 arithmetic (the paper's), Bernstein coefficients. Counted are the cells kept on each level of the octree and all cells
-tested. Of the kept cells, at least the certified ones hold a point, so no way can keep fewer cells. Speeds are measured
+tested. The certified cells hold a point, so no way can keep fewer. Speeds are measured
 for the range alone, on cells about the surface, and for a whole voxelization at 128^3, proofs included, on one core.
 
 Claims: Bernstein coefficients keep the fewest cells on every surface, at most 3 % more than are certified to hold a
-point. Modified affine arithmetic keeps 3 to 34 % more than certified, the power form of interval arithmetic up to nine
-times as many. A Bernstein range takes at most 2.5 times as long as one of modified affine arithmetic, and a
+point. Modified affine arithmetic keeps 3 to 34 % more cells than that number, the power form of interval arithmetic up
+to nine times as many. A Bernstein range takes at most 2.5 times as long as one of modified affine arithmetic, and a
 voxelization at most twice as long.
 
 Feeds: figure "ranges" and its table.

@@ -1,10 +1,10 @@
 """How many pairs per second does a batch compute?
 
 Random pairs of two kinds: single cubics, with normal control points; and closed cubic B-splines of 30 control points,
-two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, certified to 1e-10 of the
-diagonal,
+two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance is certified to 1e-10 of the
+diagonal:
 
-- of a batch of 1 to 1024 pairs (64 to 8192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
+- in a batch of 1 to 1024 pairs (64 to 8192 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
 - in such a batch with the search compiled into the function (`jhd.inline_searches`), as always on an accelerator;
 - one by one, by one compiled function;
 - one by one, by plain calls.

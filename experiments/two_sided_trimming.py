@@ -109,7 +109,7 @@ def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
     # The package's own way, which raises an error if it misses an event.
     ours = float(jhd.hausdorff(a, b, jhd.published.BiarcTrimming()))
     if not abs(ours - float(certified)) <= LOST * diagonal:
-        raise AssertionError(f"BiarcTrimming found {ours}; certified is {certified}")
+        raise AssertionError(f"BiarcTrimming found {ours}; the certified distance is {certified}")
     curves = {"a": a.control_points, "b": b.control_points}
     return {**curves, "diagonal": diagonal, "solution": certified, "ours": ours, "bounds": bounds}
 

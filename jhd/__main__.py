@@ -1,10 +1,10 @@
 """The command line: `jhd` or `python -m jhd`; without a command it runs the demonstration.
 
-Exit status: 0 done, and the requested property holds; 1 the bounds are true but wider than requested, or a certificate
-cannot be made or is not checked in time; 2 invalid input, with one line on stderr; 4 `jhd verify` refuses one; 5 the
-self-check of `jhd doctor` fails; 70 unexpected error (JHD_TRACEBACK=1 shows its location); 130 interrupted, with the
-bounds reached, if any; 141 the reader of the output closed it. With --threshold: 0 certified yes, 3 certified no, 1
-undecided.
+Exit status: 0 done, and the requested property holds; 1 the bounds are true but wider than requested, a call is out of
+time, or a certificate cannot be made or is not checked in time; 2 invalid input, with one line on stderr; 4 `jhd
+verify` refuses one; 5 the self-check of `jhd doctor` fails; 70 unexpected error (JHD_TRACEBACK=1 shows its location);
+130 interrupted, with the bounds reached, if any; 141 the reader of the output closed it. With --threshold: 0 certified
+yes, 3 certified no, 1 undecided.
 """
 
 import argparse
@@ -62,11 +62,12 @@ _STATUSES = {
     "1 undecided.",
     "duplicates": "0 done; 1 some pairs undecided; 2 invalid input.",
     "fit": "0 done; 1 tolerance not reached; 2 invalid input.",
-    "verify": "0 proven; 1 not checked in the time; 2 invalid input; 4 certificate refused.",
+    "field": "0 done; 1 tolerance not reached, or out of time and no field; 2 invalid input.",
+    "verify": "0 verified; 1 not checked in the time; 2 invalid input; 4 certificate refused.",
     "precompile": "0 done; 2 invalid input.",
     "doctor": "0 self-check passed; 5 self-check failed.",
 }
-_STATUSES |= {"minimum": _STATUSES["hausdorff"], "field": _STATUSES["fit"]}
+_STATUSES |= {"minimum": _STATUSES["hausdorff"]}
 _LENGTH_EPILOG = """\
 
 LENGTH is a number in input units, or a percentage of the diagonal of the box around all given shapes, for example 0.1%.
@@ -93,7 +94,7 @@ examples:
   jhd doctor
 
 {_SHAPES_EPILOG}{_LENGTH_EPILOG}
-Exit status: 0 done; 1 bounds not closed, a tolerance not reached, no certificate, or its check ran out of time;
+Exit status: 0 done; 1 bounds not closed, a tolerance not reached, out of time, or no certificate;
 2 invalid input; 4 certificate refused; 5 self-check failed; 70 unexpected error; 130 interrupted, with the bounds
 reached; 141 output closed by its reader. A question (`--threshold` of hausdorff and minimum) is answered by 0 yes,
 3 no, 1 undecided.
@@ -120,10 +121,10 @@ def main(argv: list[str] | None = None) -> int:
         # Nobody can read the rest of the buffer; Python would print an error about it when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
-    except TimeoutError as error:
-        print(f"jhd: {error}", file=sys.stderr)
-        return 1
     except OSError as error:
+        if isinstance(error, TimeoutError) and error.errno is None:  # a time limit of ours, no error of a file
+            print(f"jhd: {error}", file=sys.stderr)
+            return 1
         # Errors of files have names, so a full disk without a name belongs to standard output.
         name = "standard output" if error.filename is None and error.errno in _FULL else error.filename
         return _bad_input(str(error) if error.strerror is None or name is None else f"{name}: {error.strerror}.")
@@ -253,7 +254,9 @@ def _parser() -> argparse.ArgumentParser:
 
     purpose = "fit of a curve by few segments, within a tolerance"
     fit = _added(commands, "fit", purpose, _LENGTH_EPILOG.lstrip())
-    curve = "curve to approximate: a .json, .svg, .igs, .geojson or .wkt file, font:NAME:LETTER, or SVG path data"
+    curve = (
+        "curve: a .json, .svg, .igs, .iges, .geojson or .wkt file, font:NAME:LETTER, or SVG path data"
+    )
     fit.add_argument("target", metavar="TARGET", help=curve)
     tolerance = "largest certified Hausdorff distance"
     fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
@@ -328,7 +331,7 @@ def _add_others(commands: Any) -> None:
     point = "coordinates of one point: X Y or X Y Z"
     project.add_argument("coordinates", metavar="X", nargs="*", type=float, help=point)
     project.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-    rows = "file with one point in each row instead of X; - or neither means standard input"
+    rows = "point file (.xyz, .csv, .txt or .npy) instead of X; - or neither means rows on standard input"
     project.add_argument("--points", metavar="FILE", help=rows)
     project.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("chosen by the kind of shape"))
     _add_out(project, "result", ".csv or .json")
@@ -339,7 +342,7 @@ def _add_others(commands: Any) -> None:
     field.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
     tolerance = "tolerance of the interpolation"
     field.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
-    _add_max_seconds(field, "time in seconds after which no further level is refined (default: none)")
+    _add_max_seconds(field, "time in seconds after which the command fails and writes no field (default: none)")
     _add_out(field, "field", ".npz", required=True)
     refined = "region that is refined: near the surface, or everywhere (default: band)"
     field.add_argument("--mode", choices=_MODES, default="band", help=refined)
@@ -402,7 +405,7 @@ def _add_out(parser: Any, content: str, suffixes: str, required: bool = False) -
     parser.add_argument("-o", "--out", required=required, metavar="FILE", help=help_)
 
 
-def _add_search(parser: Any, method: str = "BranchAndBound, the only one for this command") -> None:
+def _add_search(parser: Any, method: str = "method (default: BranchAndBound, the only one for this command)") -> None:
     """Options that all commands on collections have."""
     parser.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
     parser.add_argument("--method", metavar="NAME", help=method)

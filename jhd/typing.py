@@ -1,7 +1,7 @@
 """Types to annotate code that uses jhd.
 
-`Shape` is a shape of jhd; `ShapeLike` is what functions take as a shape, and `Numbers` what they take as numbers:
-arrays, tracers, and nested lists of numbers. `Result` is a member of `jhd.RESULTS`.
+`Shape` is a shape of jhd; `ShapeLike` is any object that is accepted as a shape, and `Numbers` any accepted as
+numbers: arrays, tracers, and nested lists of numbers. `Result` is a member of `jhd.RESULTS`.
 
 >>> import jhd
 >>> def gap(a: jhd.typing.ShapeLike, b: jhd.typing.ShapeLike) -> float:

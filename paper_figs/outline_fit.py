@@ -3,8 +3,8 @@
 Numbers by outline_fit's experiment.
 
 Caption: A letter before and after fitting by few cubics, the numbers stored for six letters and the tolerance used by
-three methods, and the progress of two fits with 60 parameters. Every fit keeps its tolerance, certified. The minimax
-fits need 56 and 62 segments for tolerances of 0.004 and 0.002 em, the longest least-squares pieces 66 and 77.
+three methods, and the progress of two fits with 60 parameters. Every fit is certified to keep its tolerance. The
+minimax fits need 56 and 62 segments for tolerances of 0.004 and 0.002 em, the longest least-squares pieces 66 and 77.
 
 Alt text: Six panels: the letter S with 30 and with 10 segments and their handles, bars of the numbers stored, marks of
 the tolerance used, and two plots of falling distance against time for compiled and uncompiled runs.

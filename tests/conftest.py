@@ -64,7 +64,7 @@ _LONGEST = (
     "test_experiments.py",
     "test_search.py",
     "test_certificate.py",
-    "test_mixes.py",
+    "test_mixed_pairs.py",
     "test_project.py",
     "test_two_step.py",
     "test_statistics.py",

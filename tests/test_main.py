@@ -75,7 +75,7 @@ def test_the_distance_is_printed_with_bounds_event_and_witness(run):
     lines = {line.split()[0]: line.split(maxsplit=1)[1] for line in out.splitlines() if line.strip()}
     assert float(lines["value"]) == pytest.approx(3.0, abs=ROUNDING)
     assert float(lines["lower"]) <= 3.0
-    assert lines["upper"] == "not proven by this method" or float(lines["upper"]) >= 3.0
+    assert lines["upper"] == "not certified by this method" or float(lines["upper"]) >= 3.0
     assert lines["event"] == "a_end"
     assert lines["witness"] == "B segment 0, t = 1, at (4, 3)"
     assert lines["foot"].startswith("A segment 0, t = 1, at (4, 0)")
@@ -276,19 +276,21 @@ def test_a_relative_tolerance_ends_the_search_of_a_distance(run):
 
 def test_points_come_from_a_file_or_standard_input(run, monkeypatch):
     rows = "# x y\n1 2\n\n3, -1  # below\n"
-    Path("points.txt").write_text(rows)
-    _, from_file, _ = run("project", BASE, "--points", "points.txt", "--json")
+    Path("points.dat").write_text(rows)
+    _, from_file, _ = run("project", BASE, "--points", "points.dat", "--json")
     Path("points.csv").write_text("y;x;id\n2;1;a\n-1;3;b\n")
     assert run("project", BASE, "--points", "points.csv", "--json")[1] == from_file
-    with open("points.txt") as stream:
+    Path("points.txt").write_text("x;y\n1;2\n3;-1\n")
+    assert run("project", BASE, "--points", "points.txt", "--json")[1] == from_file
+    with open("points.dat") as stream:
         monkeypatch.setattr(sys, "stdin", stream)
         _, from_input, _ = run("project", BASE, "--json")
     content = json.loads(from_file)
     assert content == json.loads(from_input)
     assert content["context"]["points"] == [[1.0, 2.0], [3.0, -1.0]]
     np.testing.assert_allclose(content["solution"]["foot"], [[1.0, 0.0], [3.0, 0.0]], atol=1e-9)
-    Path("points.txt").write_bytes(b"1 2 \xff\n")
-    with open("points.txt", encoding="utf-8") as stream:
+    Path("points.dat").write_bytes(b"1 2 \xff\n")
+    with open("points.dat", encoding="utf-8") as stream:
         monkeypatch.setattr(sys, "stdin", stream)
         status, _, err = run("project", BASE)
     assert status == 2 and "standard input: byte 4 is not UTF-8 text" in err
@@ -475,8 +477,8 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
         (["project", BASE, "1", "two"], "invalid float value: 'two'"),
         (["project", BASE, "1", "2", "--points", "notes.txt"], "not both"),
         (["project", BASE, "--points", "notes.txt"], "notes.txt:2: needs numbers; found"),
-        (["project", BASE, "--points", "ragged.txt"], "ragged.txt:2: 3 numbers; the lines before have 2"),
-        (["project", BASE, "--points", "empty.txt"], "empty.txt holds no points"),
+        (["project", BASE, "--points", "ragged.txt"], "ragged.txt:2: 3 cells; the lines before have 2"),
+        (["project", BASE, "--points", "empty.txt"], "empty.txt: points has 0 points"),
         (["project", BASE, "1", "2", "--method", "Guess"], "unknown method 'Guess'; there are "),
     ],
 )

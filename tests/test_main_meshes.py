@@ -99,6 +99,11 @@ def test_the_minimum_distance_of_meshes_has_one_too(run):
     assert status == 2 and "--certificate: with --threshold" in err
 
 
+def test_a_field_that_is_out_of_time_is_not_written(run):
+    status, _, err = run("field", "a.ply", "--tolerance", "0.1", "--out", "late.npz", "--max-seconds", "1e-9")
+    assert status == 1 and "longer than max_seconds = 1e-09" in err and not Path("late.npz").exists()
+
+
 @pytest.mark.slow
 def test_a_field_is_stored_and_turned_into_a_mesh(run):
     status, out, _ = run(

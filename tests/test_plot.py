@@ -303,7 +303,7 @@ def test_cells_show_their_outer_faces_by_what_is_proven():
     assert len(faces.get_facecolor()) == 5 + 5 + 6
     blue = np.sum(faces.get_facecolor()[:, 2] > faces.get_facecolor()[:, 0])
     assert blue == 5
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["proven (1)", "not proven (2)"]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["certified (1)", "not certified (2)"]
 
 
 def test_a_section_tells_inside_outside_and_boundary_apart():

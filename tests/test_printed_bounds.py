@@ -65,7 +65,7 @@ def read(text: str) -> Fraction | float:
 
 def intervals(text):
     """The ends of each interval in a text; a missing upper one is infinite."""
-    text = text.replace("not proven by this method", "inf").replace("not proven", "inf")
+    text = text.replace("not certified by this method", "inf").replace("not certified", "inf")
     rows = [[end for end in found if end is not None] for found in (m.groups() for m in INTERVAL.finditer(text))]
     return [(read(low), read(high or "inf")) for low, high in rows]
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from typing import Any, get_args, get_type_hints
 
+import optimistix as optx
 import pytest
 from typing_extensions import TypeAliasType
 
@@ -19,78 +20,175 @@ from tests.processes import python
 MODULES = [jhd, jhd._shapes, jhd._distance, jhd.io, jhd.published, jhd.typing]
 OPEN = [jhd, jhd.io, jhd.plot, jhd.published, jhd.progress, jhd.arithmetic, jhd.typing]
 DUNDERS = "__call__", "__getitem__"
+ENUMERATIONS = ("RESULTS", "EVENTS", "ANSWERS", "DIRECTIONS")
+NAMES = """
+jhd: ANSWERS AdaptiveDistanceField Approximation BSplineCurve BSplineSurface BestFirstProjection BezierCurve
+    BezierPatch BezierPatches BezierSegments BiarcCurve Bounds BranchAndBound Certificate CertificateError
+    CriticalPairs DIRECTIONS Decision Deviation DistanceMap DistanceProfile DistanceSamples DistanceTransform EVENTS
+    FitSolution HausdorffSolution HybridProjection ImplicitSurface IntervalHalvingProjection MaxDistance
+    MeanDistance MinimumSolution Neighbors NewtonProjection NotProvenError NotRegularError PairsWithin Pairwise
+    Partials PatchMesh PivotDistances Prepared ProjectedPolyhedronProjection Projection QuantileDistance RESULTS
+    RMSDistance StationaryPoints StatisticSolution TriangleMesh Voxels Witness arc_length arithmetic as_shape biarcs
+    certify circle critical_pairs deviation directed_hausdorff distance_map distance_profile distance_transform
+    fit_curve fit_outline hausdorff hausdorff_at_most inline_searches io minimize_hausdorff minimum_at_most
+    minimum_distance nearest_shapes pairs_within pairwise pivot_distances plot point_set polyline prepare progress
+    project published signed_distance signed_distance_transform soft_hausdorff stack_curves stationary_points
+    surface_area typing verify voxelize
+jhd.io: ParseError curve_from_dict curve_to_dict format_path load_certificate load_curve load_glyph load_glyphs
+    load_iges load_mesh load_points load_result load_shape load_surface load_svg parse_font_spec parse_path
+    save_curve save_iges save_mesh save_result save_surface save_svg surface_from_dict surface_to_dict to_geomdl
+    to_path to_scipy to_shapely
+jhd.plot: BLUE GRAY ORANGE VERMILLION curve deviation distance_profile distances histogram mesh meshes neighbors
+    page section solution surface surfaces voxels witness
+jhd.published: AlgebraicEvents BiarcTrimming CubeIntervals TiedPairs TwoStep VertexVoxels VoxelPairs
+jhd.progress: Callback Progress
+jhd.arithmetic: Interval
+jhd.typing: Curve Method Numbers ProjectionMethod Result Shape ShapeLike Solution Statistic Surface
+jhd.RESULTS: capacity_reached empty_surface existence_not_certified fit_missed_a_maximum fit_nonsmooth_stall
+    fit_roundoff_limited fit_slow_progress fit_steps_exhausted fit_tolerance_missed gap_not_closed interrupted
+    many_nearest_points nonfinite_value nonisolated_maxima not_certified out_of_time
+jhd.EVENTS: a_end antipodal b_end coincident corner one_to_two
+jhd.ANSWERS: no undecided yes
+jhd.DIRECTIONS: a_to_b b_to_a
+"""
 SIGNATURES = """
+AbstractBounds()
+AbstractCurve()
 AbstractCurve.__call__(t)
+AbstractCurve.bounds
+AbstractCurve.derivative()
+AbstractCurve.dim
 AbstractCurve.elevate(degree)
-AbstractCurve.length(*, rtol=1e-06, atol=None, throw=True)
+AbstractCurve.homogeneous
+AbstractCurve.length(*, rtol=1e-06, atol=None, max_cells=262144, throw=True, max_seconds=None)
+AbstractCurve.reverse()
+AbstractCurve.segments()
 AbstractCurve.split(t)
 AbstractCurve.to_cubics(tolerance, *, max_segments=1000000)
 AbstractCurve.to_polyline(tolerance, *, max_segments=1000000)
 AbstractCurve.transform(matrix, offset=0.0)
+AbstractCurveMethod()
 AbstractCurveMethod.serves(a, b)
+AbstractHausdorffMethod()
+AbstractHostMethod()
+AbstractMeshSearch()
+AbstractMethod()
 AbstractMethod.serves(a, b)
+AbstractOutcome()
+AbstractOutcome.ok
+AbstractPatch()
 AbstractPatch.__call__(u, v)
-AbstractPatch.area(*, rtol=0.0001, atol=None, throw=True)
+AbstractPatch.area(*, rtol=0.0001, atol=None, max_cells=262144, throw=True, max_seconds=None)
+AbstractPatch.bounds
+AbstractPatch.degrees
+AbstractPatch.dim
+AbstractPatch.homogeneous
 AbstractPatch.partials(u, v)
+AbstractPatch.patches()
 AbstractPatch.to_mesh(tolerance, *, max_triangles=2000000)
 AbstractPatch.transform(matrix, offset=0.0)
+AbstractProjectionMethod()
+AbstractResult()
+AbstractResult.to_dict()
 AbstractResult.to_json(**options)
+AbstractSolution()
 AbstractSolution.__getitem__(index)
+AbstractStatistic()
 AbstractStatistic.__call__(a, b, *, weights=None, rtol=0.001, atol=None, throw=True, max_seconds=None,
     progress=None)
 AbstractStatistic.estimate(a, b, weights=None, nodes=None)
-AdaptiveDistanceField(lower, spacing, roots, nodes, leaf_corners, widths, corners, values, tolerance, depth, mode, sign,
-    unresolved)
+AdaptiveDistanceField(lower, spacing, roots, nodes, leaf_corners, widths, corners, values, tolerance, depth, mode,
+    sign, unresolved)
 AdaptiveDistanceField.__call__(points)
 AdaptiveDistanceField.build(surface, tolerance, mode='band', *, sign=None, max_depth=12, max_cells=1500000,
     max_seconds=None, progress=None, method=None)
+AdaptiveDistanceField.leaves
 AdaptiveDistanceField.load(path)
 AdaptiveDistanceField.proven_error(surface, *, rtol=0.25, max_boxes=400000)
 AdaptiveDistanceField.sampled_error(surface, samples=100000, seed=0)
 AdaptiveDistanceField.save(path)
 AdaptiveDistanceField.to_mesh(resolution)
+AdaptiveDistanceField.upper
 Approximation(shape, deviation)
 BSplineCurve(control_points, knots, weights=None, periodic=False)
 BSplineCurve.__call__(t)
 BSplineCurve.clamped(control_points, degree=3, weights=None)
+BSplineCurve.degree
+BSplineCurve.domain
 BSplineCurve.elevate(degree)
 BSplineCurve.from_scipy(spline)
 BSplineCurve.insert_knot(t)
+BSplineCurve.segments()
 BSplineCurve.split(t)
+BSplineCurve.to_open()
+BSplineCurve.to_periodic()
 BSplineCurve.uniform(control_points, degree=3, periodic=False, weights=None)
 BSplineSurface(control_points, knots_u, knots_v, weights=None)
 BSplineSurface.clamped(control_points, degrees=(3, 3), weights=None)
+BSplineSurface.degrees
+BSplineSurface.domain
+BSplineSurface.patches()
 BSplineSurface.restrict(u0, u1, v0, v1)
+BestFirstProjection()
 BezierCurve(control_points, weights=None)
 BezierCurve.__call__(t)
+BezierCurve.degree
+BezierCurve.derivative()
 BezierCurve.elevate(degree)
 BezierCurve.restrict(t0, t1)
+BezierCurve.reverse()
+BezierCurve.segments()
 BezierCurve.split(t)
 BezierPatch(control_points, weights=None)
+BezierPatch.degrees
 BezierPatch.elevate(degree_u, degree_v)
+BezierPatch.patches()
 BezierPatch.restrict(u0, u1, v0, v1)
 BezierPatch.split(t, axis=0)
 BezierPatches(control_points, weights=None)
+BezierPatches.count
+BezierPatches.degrees
 BezierPatches.elevate(degree_u, degree_v)
 BezierPatches.join(surfaces)
+BezierPatches.patches()
 BezierPatches.point(patch, u, v)
 BezierSegments(control_points, weights=None, next_segment=None)
 BezierSegments.__call__(t)
+BezierSegments.count
+BezierSegments.degree
+BezierSegments.derivative()
 BezierSegments.elevate(degree)
 BezierSegments.from_path(path)
 BezierSegments.from_shapely(geometry)
 BezierSegments.join(curves)
+BezierSegments.next_segment
 BezierSegments.pad(count)
 BezierSegments.point(segment, t)
 BezierSegments.restrict(t0, t1)
+BezierSegments.reverse()
+BezierSegments.segments()
 BezierSegments.split(t)
 BiarcCurve(start, end, bulge, segment, t0, t1, deviation, next_segment)
+BiarcCurve.center
+BiarcCurve.count
+BiarcCurve.curvature
+BiarcCurve.radius
+BiarcCurve.segments()
+BiarcCurve.sweep
+BiarcCurve.tangents
 Bounds(lower, upper)
+Bounds.value
 BranchAndBound(max_steps=4000, queue_size=512, *, rtol=0.0, atol=None)
 BranchAndBound.serves(a, b)
 Certificate(content)
+Certificate.cells
+Certificate.directed
+Certificate.lower
 Certificate.matches(a, b)
 Certificate.save(file)
+Certificate.to_dict()
+Certificate.to_json()
+Certificate.upper
 Certificate.verify(max_seconds=None, progress=None)
 CriticalPairs(value, witness, valid, result)
 Decision(answer, lower, upper, result, stats, distance='two_sided', point_a=None, point_b=None)
@@ -98,16 +196,27 @@ Deviation(a, b, maximum, mean, rms, size, samples, result, stats)
 Deviation.at(params=None)
 Deviation.fraction_within(threshold)
 Deviation.quantile(q)
+Deviation.to_dict()
+Deviation.to_pyvista()
+Deviation.to_trimesh()
 DistanceMap(distance, nearest, lower, spacing, error, arcs)
+DistanceMap.centers
 DistanceMap.enclose(points)
+DistanceMap.max_error
 DistanceProfile(t, point, distance, lower, upper, foot)
 DistanceSamples(point, lower, upper, fraction, ends)
 DistanceTransform(distance, nearest)
 FitSolution(parameters, shape, error, optimality, multipliers, pairs, result, stats, history, statistic=None)
 HausdorffSolution(value, lower, upper, witness, result, stats, directed=True, directions=None)
+HausdorffSolution.direction
+HausdorffSolution.event
 HybridProjection(interval=0.1, rough=0.01, xtol=1e-14, max_steps=64)
 ImplicitSurface(coefficients, lower, upper, *, reduced=None)
 ImplicitSurface.__call__(points)
+ImplicitSurface.bounds
+ImplicitSurface.degree
+ImplicitSurface.degrees
+ImplicitSurface.dim
 ImplicitSurface.gradient(points)
 ImplicitSurface.parse(polynomial, lower, upper)
 ImplicitSurface.to_mesh(tolerance, *, max_triangles=2000000)
@@ -117,6 +226,7 @@ MaxDistance(directed=False)
 MeanDistance(directed=False, weights=None)
 MinimumSolution(value, lower, upper, point_a, point_b, result, stats)
 Neighbors(index, value, lower, upper, result, ties, computed)
+Neighbors.tied
 NewtonProjection(xtol=1e-14, max_steps=32)
 PairsWithin(index, lower, upper, undecided, result, computed)
 Pairwise(value, lower, upper, result, computed)
@@ -132,28 +242,47 @@ RMSDistance(directed=False, weights=None)
 StationaryPoints(segment, t, lower, upper, distance, valid, result)
 StatisticSolution(value, lower, upper, direction, result)
 TriangleMesh(vertices, triangles)
+TriangleMesh.area
+TriangleMesh.bounds
+TriangleMesh.corners
+TriangleMesh.count
+TriangleMesh.dim
 TriangleMesh.from_object(mesh)
+TriangleMesh.is_closed
+TriangleMesh.is_manifold
+TriangleMesh.normals
 TriangleMesh.point(triangle, t)
+TriangleMesh.to_pyvista()
+TriangleMesh.to_trimesh()
 TriangleMesh.transform(matrix, offset=0.0)
+TriangleMesh.volume
 Voxels(cells, lower, spacing, proven)
+Voxels.centers
+Voxels.count
 Witness(element, t, point, feet, feet_elements, feet_params, multipliers, event, direction)
 arc_length(curve, *, rtol=1e-06, atol=None, max_cells=262144, throw=True, max_seconds=None)
 arithmetic.Interval(lower, upper)
 arithmetic.Interval.__getitem__(index)
 arithmetic.Interval.contains(x)
+arithmetic.Interval.empty
 arithmetic.Interval.exact(x)
 arithmetic.Interval.hull(other)
 arithmetic.Interval.intersection(other)
 arithmetic.Interval.maximum(other)
+arithmetic.Interval.midpoint
 arithmetic.Interval.minimum(other)
+arithmetic.Interval.shape
+arithmetic.Interval.sqrt()
+arithmetic.Interval.square()
 arithmetic.Interval.whole(shape=())
+arithmetic.Interval.width
 as_shape(shape)
 biarcs(curve, tolerance)
 certify(a, b, solution, *, directed=False, slack=None, max_cells=100000, max_seconds=None, progress=None)
 circle(center, radius)
 critical_pairs(a, b, capacity=16)
-deviation(a, b, *, rtol=0.001, atol=None, quantile=None, weights=None, max_cells=131072, throw=True, max_seconds=None,
-    progress=None)
+deviation(a, b, *, rtol=0.001, atol=None, quantile=None, weights=None, max_cells=131072, throw=True,
+    max_seconds=None, progress=None)
 directed_hausdorff(a, b, method=None, *, rtol=None, atol=None, throw=True, max_seconds=None, progress=None)
 distance_map(curve, lower, upper, resolution, *, tolerance=None, tile=32)
 distance_profile(a, b, samples=64)
@@ -306,15 +435,38 @@ def signature_of(path, thing):
 
 
 def test_a_public_function_or_class_takes_these_parameters():
-    """Methods without parameters, enumerations and exceptions are left out."""
-    enumerations = {"RESULTS", "EVENTS", "ANSWERS", "DIRECTIONS"}
+    """Enumerations and exceptions are left out; a property has no parentheses."""
+    things = public_things()
     taken = {
         path: thing
-        for path, thing in public_things().items()
+        for path, thing in things.items()
         if (inspect.isclass(thing) and not issubclass(thing, Exception)) or inspect.isfunction(thing)
     }
-    listed = sorted(signature_of(path, thing) for path, thing in taken.items() if path not in enumerations)
-    assert [x for x in listed if not x.endswith("()")] == SIGNATURES.replace("\n    ", " ").strip().splitlines()
+    properties = {
+        f"{path}.{name}"
+        for path, thing in things.items()
+        if inspect.isclass(thing)
+        for name, x in vars(thing).items()
+        if isinstance(x, property)
+    }
+    listed = sorted(
+        path if path in properties else signature_of(path, thing)
+        for path, thing in taken.items()
+        if path not in ENUMERATIONS
+    )
+    assert listed == SIGNATURES.replace("\n    ", " ").strip().splitlines()
+
+
+def members(enumeration):
+    return set(vars(enumeration)["_name_to_item"])
+
+
+def test_public_names_and_members_of_enumerations_are_these():
+    held = {module.__name__: module.__all__ for module in OPEN}
+    # Those of optimistix belong to its version.
+    held |= {f"jhd.{name}": members(getattr(jhd, name)) - members(optx.RESULTS) for name in ENUMERATIONS}
+    lines = [f"{where}: {' '.join(sorted(names))}" for where, names in held.items()]
+    assert lines == NAMES.replace("\n    ", " ").strip().splitlines()
 
 
 def test_a_public_name_has_a_docstring_of_its_own():

@@ -244,7 +244,7 @@ class Interval(eqx.Module):
         return Interval(jnp.maximum(self.lower, other.lower), jnp.minimum(self.upper, other.upper))
 
     def hull(self, other: Operand) -> "Interval":
-        """The smallest interval that contains both.
+        """The smallest interval that contains this one and `other`.
 
         Args:
             other: an interval, or exact numbers.

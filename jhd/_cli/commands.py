@@ -105,7 +105,7 @@ def fit(options: Namespace) -> int:
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
     kinds = dict.fromkeys("AB", "curve")
     print(solution_text("Hausdorff distance", error, kinds, *names_of(error)), end="\n\n")
-    print(f"within     {tolerance!r}" if near else f"not proven to be within {tolerance!r}")
+    print(f"within     {tolerance!r}" if near else f"not certified to be within {tolerance!r}")
     print(f"time       {seconds:.2f} s with compilation")
     print_files(fit=options.out, picture=options.plot, page=options.html)
     return status

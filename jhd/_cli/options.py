@@ -186,7 +186,7 @@ def points_of(options: Namespace) -> np.ndarray:
     name = options.points or "-"
     if name == "-" and sys.stdin.isatty():
         raise ValueError("there is no point; give X Y [Z], --points FILE, or rows on standard input.")
-    if Path(name).suffix.lower() == ".csv":
+    if Path(name).suffix.lower() in (".csv", ".txt", ".npy"):
         return np.asarray(load_points(name).control_points[:, 0])
     try:
         rows = rows_in(sys.stdin.read() if name == "-" else read_text(name), name)

@@ -61,7 +61,7 @@ def solution_text(
     lines = [
         title,
         f"  value    {_number(solution)}",
-        *_bound_lines(solution, "not proven by this method"),
+        *_bound_lines(solution, "not certified by this method"),
         *_share_line("  relative ", solution.value, diagonal),
         f"  event    {name_of(solution.event)}",
         f"  witness  {place_text(name, kinds[name], w.element, w.t, w.point)}",
@@ -134,11 +134,11 @@ def directions_text(there: HausdorffSolution, back: HausdorffSolution) -> str:
     return "\n".join(lines)
 
 
-def _bound_lines(solution: Any, unproven: str = "not proven") -> list[str]:
+def _bound_lines(solution: Any, unproven: str = "not certified") -> list[str]:
     return [f"  lower    {lower_text(solution.lower)}", f"  upper    {_upper(solution, unproven)}"]
 
 
-def _upper(solution: Any, unproven: str = "not proven") -> str:
+def _upper(solution: Any, unproven: str = "not certified") -> str:
     return upper_text(solution.upper) if np.isfinite(solution.upper) else unproven
 
 

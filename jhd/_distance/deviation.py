@@ -73,9 +73,9 @@ def deviation(
     cells that contribute most to the gaps of mean and RMS are cut further, until both gaps are within the tolerance.
     The result refers to the stored numbers. Parts that `a` covers twice count twice.
 
-    - If `b` is a curve or a parametric surface, a cell much smaller than the radius of curvature leaves a gap of fourth
-      order in its size, unless `a` crosses `b` there. By default a mesh of a thousand triangles, compared with
-      the surface it approximates, needs about forty cells a triangle.
+    - If `b` is a curve or a parametric surface, the gap of cells much smaller than the radius of curvature shrinks with
+      the fourth power of their size, unless `a` crosses `b` in the cell. By default a mesh of a thousand triangles,
+      compared with the surface it approximates, needs about forty cells a triangle.
     - If `b` is an implicit surface, the gap is of second order, so the number of cells grows like 1 / gap. Choose a
       larger `rtol` if the distance is small.
     - Between two meshes, the distance to the nearest face is the absolute value of an affine function. Its mean, mean
@@ -87,10 +87,10 @@ def deviation(
     Meshes that cross a curved `b` take minutes at the default tolerance: begin with `rtol=1e-2`. The largest deviation
     lies at `maximum.witness.point`.
 
-    The value of `maximum` (within about the root of its gap) and the distances of `at(params)` are differentiable in
-    both shapes, to first order. The mean and all bounds have no derivative: their `value` raises TypeError under
-    `jax.grad`; use `jhd.MeanDistance().estimate` there. The shapes must be concrete: deviation does not work under
-    jit or vmap.
+    `maximum.value` and the distances of `at(params)` have first derivatives in both shapes. The derivative of
+    `maximum.value` has an error of about the square root of its gap. The mean and all bounds have no derivative: their
+    `value` raises TypeError under `jax.grad`; use `jhd.MeanDistance().estimate` there. The shapes must be concrete:
+    deviation does not work under jit or vmap.
 
     >>> import jhd
     >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))

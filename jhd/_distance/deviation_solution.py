@@ -14,6 +14,7 @@ from jhd._distance.project import project
 from jhd._distance.search.bodies import body_of
 from jhd._results.batches import AbstractSolution
 from jhd._results.solution import RESULTS, Bounds, HausdorffSolution, Projection, name_of, to_plain
+from jhd._runtime.arrays import number_instead
 from jhd._shapes.as_shape import Shape
 from jhd._shapes.checks import Numbers
 from jhd._shapes.foreign import PolyData, Trimesh
@@ -27,7 +28,7 @@ class DistanceSamples(NamedTuple):
         point: approximate midpoints of the parts, (parts, dim).
         lower: certified lower bounds of the distance on each part, (parts,).
         upper: certified upper bounds of the distance on each part, (parts,).
-        fraction: bounds of the length, area or number of points of each part, (parts, 2), up to one common factor.
+        fraction: lower and upper bounds of the fraction of `a` in each part, (parts, 2), up to a common factor.
         ends: bounds by two affine functions on each part, given by their values at its corners, (parts, corners, 2).
             Both functions are constant if no better ones are known.
     """
@@ -129,8 +130,11 @@ class Deviation(AbstractSolution):
             Bounds of the fraction, between 0 and 1.
 
         Raises:
+            TypeError: the threshold is a text.
             ValueError: the threshold is not one number of at least 0.
         """
+        if isinstance(threshold, str):
+            raise TypeError(f"threshold is {threshold!r}; needs {number_instead('threshold', threshold)}.")
         if not _is_number(threshold) or not float(threshold) >= 0:
             raise ValueError(f"threshold is {threshold!r}; needs a length of at least 0, as a number.")
         return Bounds(*share_bounds(self._weights(), *self._values().within(threshold)))

@@ -50,9 +50,9 @@ def minimum_distance(
     The result refers to the stored arrays, taken as real numbers. Shapes that meet have distance zero: `lower` is then
     0, and `upper` is the rounding error between the two points found, at most the tolerance.
 
-    The value and both points are differentiable in both shapes. If several pairs are equally near, the derivative is
-    the derivative for the pair found. At distance zero the derivative is zero by convention. Works under jit, vmap and
-    grad. There, checks of values are skipped and `throw` is ignored: read `result`.
+    The value and both points are differentiable in both shapes. If several pairs are equally near, the derivative
+    belongs to the pair that is returned. At distance zero the derivative is zero by convention. Works under jit, vmap
+    and grad. There, checks of values are skipped and `throw` is ignored: read `result`.
 
     If the nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap. The
     bounds are then true but wider, with RESULTS.nonisolated_maxima. Outside jit, the cost grows far more slowly for

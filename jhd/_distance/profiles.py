@@ -16,6 +16,8 @@ from jhd._shapes.curve import check_curve
 class DistanceProfile(NamedTuple):
     """Distances from points along a curve to a shape, in the order of the curve.
 
+    The bounds are certified. They may be wider than usual if a search ends early, as no `result` tells it.
+
     Args:
         t: parameters of `a.segments()`: segment k has the interval [k, k + 1], and joints appear twice.
         point: the points of `a` at these parameters.

@@ -15,7 +15,8 @@ from jhd._runtime.arrays import check_scalar, check_whole, is_traced, joined, re
 from jhd._runtime.clock import Clock
 from jhd._runtime.decimals import interval_text
 from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
-from jhd._shapes.checks import MEASURES, Numbers
+from jhd._shapes.checks import Numbers
+from jhd._shapes.sizes import SIZE_OF
 
 # Fraction of the gap that the cells which are cut leave.
 _LEFT = 0.2
@@ -105,12 +106,13 @@ def surface_area(
     check_shape("surface", surface)
     if body_of(surface).dimension != 2:
         raise TypeError(f"surface must be a mesh or a parametric surface; got {type(surface).__name__}.")
+    clock = Clock(max_seconds)
     if body_of(surface).lacks_area():
         return Bounds(0.0, 0.0)
-    return _closed(surface, rtol, atol, max_cells, throw, Clock(max_seconds))
+    return _closed(surface, rtol, atol, max_cells, throw, clock)
 
 
-MEASURES.update(length=arc_length, area=surface_area)
+SIZE_OF.update(length=arc_length, area=surface_area)
 
 
 def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool, clock: Clock) -> Bounds:

@@ -29,7 +29,7 @@ from jhd._fields.checks import one_of, positive, whole
 from jhd._results.display import count_text, described, opaque, value_text
 from jhd._runtime.archives import read_arrays
 from jhd._runtime.arrays import is_traced, real_array
-from jhd._runtime.clock import timed
+from jhd._runtime.clock import with_time_limit
 from jhd._runtime.files import replace_file
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers
@@ -132,22 +132,22 @@ class AdaptiveDistanceField(eqx.Module):
             method: None computes exact distances. jhd.published.VertexVoxels(transform="vector_propagation") with
                 mode="full" gives algorithm 1 of Lin & Wang (2003) as published. It starts from one cube around the
                 mesh. Its distances come from the local search and can be too large; its signs come from averaged
-                normals and can be wrong. If either jumps by more than the tolerance, cells are split down to
-                `max_depth`.
+                normals and can be wrong. If the distances or the signs jump by more than the tolerance, cells are
+                split down to `max_depth`.
 
         Returns:
             The field. Its `unresolved` is 0 if the tolerance was reached at all tested points.
 
         Raises:
             TypeError: the input is no surface, it is traced, or a number has the wrong type.
-            ValueError: the tolerance is not positive and finite, the mode or sign is unknown, or a number is out of
-                range; pseudonormals are requested for a mesh that is not closed and consistently oriented; a sign is
-                requested for an open parametric or implicit surface; `to_mesh` fails; or a method is given with another
-                mode or with a sign.
-            TimeoutError: the levels take longer than `max_seconds`.
+            ValueError: the tolerance or `max_seconds` is not positive and finite, the mode or sign is unknown, or a
+                number is out of range; pseudonormals are requested for a mesh that is not closed and consistently
+                oriented; a sign is requested for an open parametric or implicit surface; `to_mesh` fails; or a method
+                is given with another mode or with a sign.
+            TimeoutError: the field takes longer than `max_seconds`, meshing included, at a report of progress.
         """
         shape, tolerance = taken_as("surface", surface), positive("tolerance", tolerance)
-        report = timed(progress, max_seconds)
+        report = with_time_limit(progress, max_seconds)
         if method is not None and (mode != "full" or sign is not None):
             raise ValueError(f"mode is {mode!r} and sign {sign!r}; a method needs mode='full' and has its own signs.")
         sign = "winding" if sign is None else sign
@@ -279,7 +279,7 @@ class AdaptiveDistanceField(eqx.Module):
 
         The sign of the distance is given by the winding number (a field without signs is compared with the unsigned
         distance). The mesh and the values are taken as stored, and the field as their exact interpolation in each leaf,
-        faces included; see jhd._fields.adaptive_error. Leaves are split until the bound is close to the largest error
+        faces included. Leaves are split until the bound is close to the largest error
         seen, or until there are too many boxes; the bound is then valid but wider. A hundred thousand boxes take
         seconds.
 

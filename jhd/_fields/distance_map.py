@@ -158,8 +158,8 @@ def distance_map(
 
     Raises:
         TypeError: the input is no curve, or it is traced: the number of arcs depends on the curve.
-        ValueError: the curve is in space, the box is empty or upside down, a corner is not finite, a number of pixels
-            or the tile is below 1, `tolerance` is given for arcs, or `biarcs` refuses it.
+        ValueError: the curve is in space; `lower` is not below `upper`, or is not finite; `resolution` or `tile` is
+            below 1; or `tolerance` is given for a BiarcCurve or refused by `biarcs`.
     """
     columns, rows = _checked_resolution(resolution)
     if not isinstance(tile, int | np.integer) or isinstance(tile, bool) or tile < 1:

@@ -27,7 +27,7 @@ from jhd._arithmetic import exact_polynomials, trivariate
 from jhd._fields.boxes import CORNERS, children
 from jhd._results.display import count_text, described, is_known, opaque, value_text
 from jhd._runtime.arrays import is_traced
-from jhd._runtime.clock import timed
+from jhd._runtime.clock import with_time_limit
 from jhd._runtime.compiled import optimized
 from jhd._runtime.memory import check_memory
 from jhd._shapes.checks import empty_surface
@@ -110,13 +110,14 @@ def voxelize(
 
     Raises:
         TypeError: the shape is no implicit surface, it is traced, or `cells` is no whole number.
-        ValueError: `cells` is out of range, `ranges` is unknown, or the surface is proven to be empty in its box.
+        ValueError: `cells` is out of range, `ranges` is unknown, `max_seconds` is not positive, or the surface is
+            certified to be empty in its box.
         MemoryError: the cells of the next level would need more memory than is free.
-        TimeoutError: the cells of all levels take longer than `max_seconds`.
+        TimeoutError: the cells take longer than `max_seconds`, at a report of progress.
     """
     cells, ranges = checked_cells(cells), _checked_ranges(ranges)
     grid = _grid(surface, cells)
-    found = _descend(grid, ranges, timed(progress, max_seconds))
+    found = _descend(grid, ranges, with_time_limit(progress, max_seconds))
     if not len(found):
         raise empty_surface()
     sides = [high - low for low, high in grid.box]

@@ -113,19 +113,19 @@ def net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
 def voxels(
     cells: Voxels, ax: Axes | None = None, *, colors: Sequence[str] = (BLUE, VERMILLION), legend: bool = True
 ) -> Axes:
-    """Space axes with the kept cells of a surface, colored by whether they are proven to contain one of its points.
+    """Space axes with the kept cells of a surface, colored by whether they are certified to contain one of its points.
 
     >>> from matplotlib.figure import Figure
     >>> import jhd
     >>> sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
     >>> ax = jhd.plot.voxels(jhd.voxelize(sphere, 2), Figure().add_subplot(projection="3d"))
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
-    ['proven (8)']
+    ['certified (8)']
 
     Args:
         cells: result of `voxelize`.
         ax: matplotlib axes with projection="3d". None creates a figure.
-        colors: colors of the proven cells and of the remaining cells.
+        colors: colors of the certified cells and of the remaining cells.
         legend: whether to draw a legend with the numbers of cells above the axes.
 
     Returns:
@@ -141,7 +141,7 @@ def voxels(
     edges = {"linewidth": 0.15, "edgecolor": "white"}
     rgb = np.where(proven[owner, None], rgb_of(colors[0]), rgb_of(colors[1]))
     add_faces(ax, corners, rgb, "voxels", 1.0, **edges)
-    for color, name, count in zip(colors, ("proven", "not proven"), (proven.sum(), (~proven).sum()), strict=True):
+    for color, name, count in zip(colors, ("certified", "not certified"), (proven.sum(), (~proven).sum()), strict=True):
         if count:
             label = f"{name} ({count})"
             draw(ax, np.full((1, 3), np.nan), "key", color=color, label=label, marker="s", linestyle="none")
@@ -163,7 +163,7 @@ def section(
     """Plane axes with one layer of cells, colored by their state, and the curve in which a plane cuts the surface.
 
     A cell that `voxelize` dropped is inside or outside: the polynomial has one sign in the whole cell, negative inside.
-    A kept cell at the boundary is proven to contain a point of the surface, or it may contain one (hatched).
+    A kept cell at the boundary is certified to contain a point of the surface, or it may contain one (hatched).
 
     >>> from matplotlib.figure import Figure
     >>> import jhd
@@ -213,7 +213,7 @@ def section(
 
 
 _INSIDE, _OUTSIDE, _PROVEN, _KEPT = range(4)
-_CLASSES = (("inside", PALE_BLUE), ("outside", "white"), ("boundary", ORANGE), ("not proven", VERMILLION))
+_CLASSES = (("inside", PALE_BLUE), ("outside", "white"), ("boundary", ORANGE), ("not certified", VERMILLION))
 
 
 def _classes(shape: ImplicitSurface, cells: Voxels, axis: int, layer: int, counts: np.ndarray) -> np.ndarray:

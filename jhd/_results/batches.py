@@ -38,7 +38,7 @@ Batch = TypeVar("Batch", bound="AbstractSolution")
 
 
 class AbstractResult(eqx.Module):
-    """What an entry point computes, as text, JSON and a table in a notebook."""
+    """Result of an entry point, as text, as JSON and as a table in a notebook."""
 
     def to_dict(self) -> dict[str, object]:
         """The solution as nested dictionaries, lists, numbers and names.
@@ -97,7 +97,7 @@ class AbstractResult(eqx.Module):
 
 
 class AbstractOutcome(AbstractResult):
-    """What an entry point computes, with a code `result` that tells how it ended, or an array of codes."""
+    """Result of an entry point with a code `result` that tells how it ended, or an array of codes."""
 
     # The field `result` is left to each class: checkers of types would take it for the first argument of all.
 

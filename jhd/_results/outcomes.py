@@ -22,8 +22,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "rtol if rounding keeps them apart."
     )
     capacity_reached = (
-        "The search ran out of room, so the result is true but wider or incomplete: raise queue_size, max_cells, "
-        "max_boxes or capacity, whichever the call takes, or atol or rtol."
+        "The search ran out of room, so the result is true but wider or incomplete: raise the size that "
+        "the call takes (queue_size, max_cells, max_boxes or capacity), or atol or rtol."
     )
     interrupted = "The search was interrupted: the bounds are true and not closed."
     fit_steps_exhausted = "The fit was still improving at its last step: raise max_steps."

@@ -74,8 +74,9 @@ def in_direction(solution: Any, direction: Any) -> Any:
 class Witness(eqx.Module):
     """The point that attains a directed Hausdorff distance, with its foot points.
 
-    `direction` tells which shape carries the point. If `hausdorff` gets shapes of two kinds, `t` and `feet_params` are
-    padded to the longer form of both directions: a single number is repeated, and (u, v) gets a zero.
+    `direction` tells which shape carries the point. If the two shapes of `hausdorff` are of different kinds, `t` and
+    `feet_params` have the length of the longer parameter. A single number is then repeated, and (u, v) is followed by a
+    zero.
 
     Args:
         element: index of the part that carries the point: a segment of a curve, a point of a point set, a triangle of
@@ -87,9 +88,9 @@ class Witness(eqx.Module):
             repeat the first one with multiplier 0.
         feet_elements: indices of the segments, points, triangles or patches of the foot points; -1 on an implicit
             surface.
-        feet_params: parameters of the foot points: one number each on curves and points (without meaning for points),
-            rows (u, v) on patches (of a B-spline surface, on the one of `patches()` that `feet_elements` counts), rows
-            of barycentric coordinates on meshes; NaN on an implicit surface.
+        feet_params: parameters of the foot points. Curves: one number. Patches: (u, v) on the patch `feet_elements`; a
+            B-spline surface is first split by `patches()`. Meshes: three barycentric coordinates. Implicit surfaces:
+            NaN. Point sets: no meaning.
         multipliers: weights of the foot points in the gradient, at least 0, with sum one (0.5 each if undefined).
         event: the member of EVENTS that tells how the maximum arises.
         direction: the member of DIRECTIONS that tells which shape carries the point.
@@ -171,7 +172,7 @@ class MinimumSolution(AbstractBounds, AbstractSolution):
     If the shapes meet, `lower` is 0 and `upper` bounds the distance between the two points found.
 
     Args:
-        value: the distance found, up to rounding the distance of the two points; differentiable.
+        value: the distance of the two points found, up to rounding; differentiable.
         lower: certified lower bound.
         upper: certified upper bound; inf if none is certified.
         point_a: the point of `a` that is nearest to `b`.

@@ -147,7 +147,7 @@ def real_array(name: str, value: Any) -> Array:
     if is_traced(value):
         return jnp.asarray(value, dtype=float)
     if isinstance(value, str):
-        raise TypeError(f"{name} is {value!r}; needs {_instead(name, value)}.")
+        raise TypeError(f"{name} is {value!r}; needs {number_instead(name, value)}.")
     given = bare_array(name, value)
     if given.dtype.kind not in "fiub" and given.dtype.name != "bfloat16":
         raise TypeError(f"{name} must be real numbers; its dtype is {given.dtype}.")
@@ -158,14 +158,14 @@ def real_array(name: str, value: Any) -> Array:
     return array
 
 
-def _instead(name: str, text: str) -> str:
-    """What to pass instead of a text."""
+def number_instead(name: str, text: str) -> str:
+    """The number to pass instead of a text, in words."""
     if not text.endswith("%"):
         return "numbers"
     share = f"{text[:-1]} / 100"
     if name == "rtol":
         return f"a number: {share}"
-    return f"a number; for the diagonal of a shape's box, this is {share} * np.linalg.norm(np.subtract(*shape.bounds))"
+    return f"a number; of the diagonal of the box of a shape it is {share} * np.linalg.norm(np.subtract(*shape.bounds))"
 
 
 def check_finite(name: str, array: ArrayLike) -> None:

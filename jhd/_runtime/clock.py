@@ -79,8 +79,11 @@ class Clock:
             raise TimeLimit
 
 
-def timed(progress: Callable[[Any], object] | None, seconds: float | None) -> Callable[[Any], object] | None:
-    """A progress callback for a call that has no answer before its end: it raises TimeoutError when the time is up."""
+def with_time_limit(progress: Callable[[Any], object] | None, seconds: float | None) -> Callable[[Any], object] | None:
+    """The progress callback of a call without partial results.
+
+    It calls `progress`, and raises TimeoutError once the seconds have passed; without a limit it is `progress` itself.
+    """
     if seconds is None:
         return progress
     clock = Clock(seconds)
@@ -89,6 +92,7 @@ def timed(progress: Callable[[Any], object] | None, seconds: float | None) -> Ca
         if progress is not None:
             progress(reached)
         if clock.is_over():
-            raise TimeoutError(f"max_seconds = {seconds:g} is over. Raise it, or ask for less.")
+            limit = f"max_seconds = {float(seconds):g}"
+            raise TimeoutError(f"the call takes longer than {limit}. Raise it, or choose a coarser result.")
 
     return report

@@ -27,7 +27,7 @@ from jhd._shapes.simple_curves import point_set
 
 Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 ShapeLike = TypeAliasType("ShapeLike", Shape | Table | tuple[Table, Table] | ForeignShape)
-"""What functions take as a shape: see `jhd.as_shape`."""
+"""Any object that is accepted as a shape: see `jhd.as_shape`."""
 
 _ACCEPTED = (
     "a shape of jhd, an array of points, a pair (vertices, triangles), a mesh or point cloud (trimesh, Open3D, "
@@ -39,8 +39,8 @@ Spline = BezierCurve | BSplineCurve | BezierPatch | BSplineSurface
 def as_shape(shape: ShapeLike) -> Shape:
     """Convert an array or an object of another package to a shape of jhd.
 
-    Every function that takes shapes does this by itself. Polygons stand for their boundary rings and meshes for their
-    surface. These objects are accepted:
+    You need not call it: every function that takes shapes converts them. A polygon is taken as its boundary rings, a
+    mesh as its surface. These objects are accepted:
 
     - a shape of jhd, which is returned unchanged,
     - an array (count, 2) or (count, 3), or an object that converts to one: a point set,

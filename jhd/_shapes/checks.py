@@ -9,7 +9,6 @@ from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 from typing_extensions import TypeAliasType
 
-from jhd._results.bounds import Bounds
 from jhd._runtime.arrays import is_traced, module_of, real_array
 from jhd._shapes.foreign import ConvertsToArray
 
@@ -18,9 +17,6 @@ Row = Array | np.ndarray | Sequence[ArrayLike]
 Table = Array | np.ndarray | ConvertsToArray | Sequence[Row]
 Numbers = TypeAliasType("Numbers", ArrayLike | Row | Table | Sequence[Table] | Sequence[Sequence[Table]])
 """Numbers as functions take them: a number, an array, or lists of these, up to four deep."""
-
-MEASURES: dict[str, Callable[..., Bounds]] = {}
-"""The functions behind `length` and `area` of shapes. They need cells of searches: jhd._distance.sizes adds them."""
 
 
 def check_control_points(control_points: Array, weights: Array | None, axes: tuple[str, ...]) -> None:

@@ -21,11 +21,12 @@ from jhd._results.display import batch_text, count_text, described, is_known, ne
 from jhd._runtime.arrays import array_of, is_traced, module_of, on_host, real_array
 from jhd._shapes import convert, sketches
 from jhd._shapes.approximation import Approximation, checked_tolerance
-from jhd._shapes.checks import MEASURES, Numbers, check_degrees, checked_between, checked_net, checked_parameter
+from jhd._shapes.checks import Numbers, check_degrees, checked_between, checked_net, checked_parameter
 from jhd._shapes.flattening import flattened, pieces_following
 from jhd._shapes.foreign import HasVertices, ShapelyGeometry
 from jhd._shapes.homogeneous import affine_image, cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd._shapes.joints import checked, completed, followed, joints, linked, turned, united
+from jhd._shapes.sizes import SIZE_OF
 
 SomeCurve = TypeVar("SomeCurve", bound="AbstractCurve")
 
@@ -58,13 +59,28 @@ class AbstractCurve(eqx.Module):
 
     @abstractmethod
     def elevate(self, degree: int) -> "AbstractCurve":
-        """The curve, written in a higher degree."""
+        """The same curve in a higher degree.
+
+        Args:
+            degree: the new degree, at least the degree of the curve.
+
+        Returns:
+            A curve with the same points at the same parameters.
+        """
 
     @abstractmethod
     def _summary(self) -> str:
         """Degree and counts, for the curve as it is printed."""
 
-    def length(self, *, rtol: Numbers = 1e-6, atol: Numbers | None = None, throw: bool = True) -> Bounds:
+    def length(
+        self,
+        *,
+        rtol: Numbers = 1e-6,
+        atol: Numbers | None = None,
+        max_cells: int = 1 << 18,
+        throw: bool = True,
+        max_seconds: float | None = None,
+    ) -> Bounds:
         """The length of the curve with certified bounds, as `jhd.arc_length` computes them.
 
         >>> import jhd
@@ -73,17 +89,22 @@ class AbstractCurve(eqx.Module):
 
         Args:
             rtol: tolerance on `upper - lower`, relative to `upper`.
-            atol: absolute tolerance on `upper - lower`, in the unit of the coordinates.
+            atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-12 of the
+                diagonal of the bounding box. The larger tolerance counts.
+            max_cells: largest number of cells.
             throw: whether to raise NotProvenError if the bounds do not close; by default True.
+            max_seconds: wall time in seconds after which no further cells are cut; by default no limit.
 
         Returns:
             Bounds of the length, in the unit of the coordinates.
 
         Raises:
             TypeError: the curve is a point set, or it is traced.
+            ValueError: an option that is out of range.
             NotProvenError: the bounds do not close, and `throw` is True.
         """
-        return MEASURES["length"](self, rtol=rtol, atol=atol, throw=throw)
+        limits = {"max_cells": max_cells, "max_seconds": max_seconds}
+        return SIZE_OF["length"](self, rtol=rtol, atol=atol, throw=throw, **limits)
 
     def __repr__(self) -> str:
         return opaque(self) or described(self, self._summary(), net_text(self.control_points, self.weights))

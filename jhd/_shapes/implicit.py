@@ -26,14 +26,15 @@ class ImplicitSurface(eqx.Module):
     """The points of a box at which a polynomial is zero.
 
     The box is part of the shape. It cuts the surface off, and the cut is a border of the surface that counts in its
-    distances. Repeated factors are removed exactly, because they hide the sign changes that prove points: (z - 1)^2
-    becomes z - 1, which has the same zeros. `reduced` records this. Traced coefficients are left unchanged.
+    distances. Repeated factors are removed exactly: (z - 1)^2 becomes z - 1, which has the same zeros and changes its
+    sign there. `reduced` records this. Traced coefficients are left unchanged.
 
     Distances refer to the stored coefficients. A point counts if it can be proven, in one of two ways:
 
     - The polynomial changes its sign there.
     - The polynomial is zero exactly at an isolated point with simple fractions as coordinates. For example, (x - 1/2)^2
-      + y^2 + z^2 is a point; with 0.3 for 1/2 the rounded coefficients are positive everywhere.
+      + y^2 + z^2 describes one point. (x - 0.3)^2 + y^2 + z^2 describes none: with rounded coefficients the polynomial
+      is positive everywhere.
 
     Curves without a sign change, for example x^2 + y^2, cannot be proven. They lead to RESULTS.existence_not_certified
     or to wider bounds; under `jit` isolated points do as well.

@@ -147,7 +147,7 @@ class TriangleMesh(eqx.Module):
     @property
     @np.errstate(over="ignore")
     def area(self) -> Float[Array, ""]:
-        """Sum of the areas of all triangles."""
+        """Sum of the areas of all triangles, rounded; `jhd.surface_area(mesh)` returns certified bounds."""
         _, sizes, power = self._doubled_areas()
         return array_of(ldexp(0.5 * sizes.sum(), 2 * power))
 

@@ -25,9 +25,10 @@ from jhd._runtime.arrays import array_of, real_array
 from jhd._runtime.compiled import optimized
 from jhd._shapes import sketches
 from jhd._shapes.approximation import Approximation, checked_tolerance
-from jhd._shapes.checks import MEASURES, Numbers, check_degrees, checked_between, checked_net, checked_parameter
+from jhd._shapes.checks import Numbers, check_degrees, checked_between, checked_net, checked_parameter
 from jhd._shapes.homogeneous import affine_image, cartesian, homogeneous
 from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.sizes import SIZE_OF
 from jhd._shapes.tessellation import tessellate
 
 
@@ -151,7 +152,15 @@ class AbstractPatch(eqx.Module):
         control_points = self.patches().control_points
         return jnp.min(control_points, axis=(-4, -3, -2)), jnp.max(control_points, axis=(-4, -3, -2))
 
-    def area(self, *, rtol: Numbers = 1e-4, atol: Numbers | None = None, throw: bool = True) -> Bounds:
+    def area(
+        self,
+        *,
+        rtol: Numbers = 1e-4,
+        atol: Numbers | None = None,
+        max_cells: int = 1 << 18,
+        throw: bool = True,
+        max_seconds: float | None = None,
+    ) -> Bounds:
         """The area of the surface with certified bounds, as `jhd.surface_area` computes them.
 
         >>> import jhd
@@ -161,17 +170,22 @@ class AbstractPatch(eqx.Module):
 
         Args:
             rtol: tolerance on `upper - lower`, relative to `upper`.
-            atol: absolute tolerance on `upper - lower`, in the square of the unit of the coordinates.
+            atol: absolute tolerance on `upper - lower`, in the square of the unit of the coordinates; by default 1e-12
+                of the squared diagonal of the bounding box. The larger tolerance counts.
+            max_cells: largest number of cells.
             throw: whether to raise NotProvenError if the bounds do not close; by default True.
+            max_seconds: wall time in seconds after which no further cells are cut; by default no limit.
 
         Returns:
             Bounds of the area, in the square of the unit of the coordinates.
 
         Raises:
             TypeError: the surface is traced.
+            ValueError: an option that is out of range.
             NotProvenError: the bounds do not close, and `throw` is True.
         """
-        return MEASURES["area"](self, rtol=rtol, atol=atol, throw=throw)
+        limits = {"max_cells": max_cells, "max_seconds": max_seconds}
+        return SIZE_OF["area"](self, rtol=rtol, atol=atol, throw=throw, **limits)
 
     def partials(self, u: Numbers, v: Numbers) -> Partials:
         """Points and their first and second partial derivatives in the parameters of the surface.
@@ -201,8 +215,8 @@ class AbstractPatch(eqx.Module):
     def to_mesh(self, tolerance: Numbers, *, max_triangles: int = 2_000_000) -> "PatchMesh":
         """A triangle mesh of the surface with a certified deviation of at most `tolerance` in both directions.
 
-        Triangles are small if the surface is curved and long if it is straight. Patches whose control points (and
-        weights) agree along a common edge, in either direction, have the same vertices there, so the mesh has no
+        Triangles are small where the surface is curved, and long in straight directions. Patches whose control points
+        (and weights) agree along a common edge, in either direction, have the same vertices there, so the mesh has no
         cracks. Degenerate triangles, for example at poles, are kept. The distance between two meshes differs from the
         distance between their surfaces by at most the sum of both deviations.
 

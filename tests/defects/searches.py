@@ -299,7 +299,7 @@ DEFECTS = [
     ),
     *within(
         "_distance/cells/tracked_feet_surfaces.py",
-        "distance/cells/test_narrowed.py",
+        "distance/cells/test_contraction.py",
         (
             "others + f.rest[0] + f.error[0]",
             "others + f.error[0]",

@@ -19,7 +19,7 @@ from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import BezierPatch
 from jhd._shapes.simple_curves import circle, point_set, polyline
-from tests.distance.test_families import sphere
+from tests.distance.test_nonisolated_maxima import sphere
 from tests.sweeps import swept
 
 # A cubic that rises to 0.75 at its middle, where its curvature is 6.

@@ -61,6 +61,7 @@ def test_what_has_no_length_or_area_is_refused_and_an_open_gap_is_an_error():
         "rtol is -1": {"rtol": -1},
         "atol has shape": {"atol": [1, 2]},
         "max_cells is 0": {"max_cells": 0},
+        "max_seconds is 0": {"max_seconds": 0},
     }
     for message, options in refused.items():
         with pytest.raises(ValueError, match=message):
@@ -72,6 +73,8 @@ def test_what_has_no_length_or_area_is_refused_and_an_open_gap_is_an_error():
     assert known.to_dict() == caught.value.solution.to_dict()
     with pytest.raises(jhd.NotProvenError, match="cells prove .* only. Raise a tolerance or max_seconds"):
         jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_seconds=1e-9)
+    late = jhd.circle((0, 0), 1.0).length(rtol=1e-12, max_seconds=1e-9, throw=False)
+    assert late.lower <= 2 * math.pi <= late.upper
 
 
 def test_shapes_have_their_length_and_area():

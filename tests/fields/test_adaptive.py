@@ -368,9 +368,9 @@ def test_files_that_hold_no_field_are_refused_with_their_name(full, tmp_path, ar
 
 @pytest.mark.parametrize("shift", [-1, 1 << 20])
 def test_a_field_with_leaves_out_of_its_grid_is_refused(full, tmp_path, shift):
-    places = np.asarray(full.leaf_corners).copy()
-    places[0] += shift
-    changed(full, tmp_path / "field.npz", leaf_corners=places)
+    leaf_corners = np.asarray(full.leaf_corners).copy()
+    leaf_corners[0] += shift
+    changed(full, tmp_path / "field.npz", leaf_corners=leaf_corners)
     with pytest.raises(ValueError, match="field.npz: leaf_corners has leaves out of the box"):
         AdaptiveDistanceField.load(tmp_path / "field.npz")
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd._distance.certificate.mixes import Report, asked_of, default_atol, prove_largest, prove_minimum
+from jhd._distance.certificate.mixed_pairs import Report, asked_of, default_atol, prove_largest, prove_minimum
 from jhd._distance.certificate.sides import plain_shape
 from jhd._distance.certificate.verification.proofs import NAMES, Proven
 from jhd._distance.certificate.verification.proofs import verify as checked
@@ -115,11 +115,14 @@ class Certificate:
         shapes = (plain_shape(taken_as(name, shape)) for name, shape in (("a", a), ("b", b)))
         return all(digest(self._part(name)) == shape["sha256"] for name, shape in zip("ab", shapes, strict=True))
 
+    def to_dict(self) -> dict[str, object]:
+        """The certificate as a dictionary, as in `content`."""
+        return dict(self.content)
+
     def to_json(self) -> str:
         """The certificate as JSON Lines: an object with the numbers of cells, then one line for each cell.
 
-        `jhd.io.load_certificate` reads a file with this text and restores all floats exactly. `content` is the
-        certificate as a dictionary.
+        `jhd.io.load_certificate` reads a file with this text and restores all floats exactly.
         """
         return "".join(lines_of(self.content))
 

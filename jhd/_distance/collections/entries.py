@@ -40,7 +40,7 @@ from jhd._results.batches import AbstractOutcome
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import check_whole, real_array, same_arrays
 from jhd._runtime.c_library import give_back
-from jhd._runtime.clock import timed
+from jhd._runtime.clock import with_time_limit
 from jhd._shapes.as_shape import ShapeLike
 from jhd._shapes.checks import Numbers
 from jhd.progress import Callback, Progress
@@ -365,11 +365,12 @@ def pivot_distances(
 
     Raises:
         TypeError: an object that is not a shape, traced shapes, or points that are not real numbers.
-        ValueError: an empty collection, shapes of the plane and of space, or points of another dimension.
-        TimeoutError: the distances take longer than `max_seconds`.
+        ValueError: an empty collection, shapes of the plane and of space, points of another dimension, or `max_seconds`
+            that is not positive.
+        TimeoutError: the distances take longer than `max_seconds`, at a report of progress.
     """
     a, _ = both_collections("shapes", shapes, "others", None)
-    report = timed(progress, max_seconds)
+    report = with_time_limit(progress, max_seconds)
     lattice = None if points is not None else lattice_over(a)
     with workers(executor) as pool:
         return _signed(pool, a, lattice, points, report)

@@ -68,6 +68,9 @@ class PointLattice(NamedTuple):
 class PivotDistances(NamedTuple):
     """Certified distances of shapes from fixed points, in the unit of the coordinates.
 
+    The bounds are certified and may be wide: curves are replaced by chords, and no `result` tells whether a search ends
+    early.
+
     Args:
         points: the points, (points, dim).
         lower: certified lower bounds of the distances, (shapes, points).

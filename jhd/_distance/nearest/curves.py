@@ -58,15 +58,15 @@ _SETTLED = 8
 
 
 class NearestOnCurve(eqx.Module):
-    """Bounds of the distance from a point to a curve, and the foot that attains the upper bound; or of many points."""
+    """Bounds of the distance from each query point to a curve, and the foot that attains the upper bound."""
 
-    distance: Float[Array, "*queries"]
-    lower: Float[Array, "*queries"]
-    upper: Float[Array, "*queries"]
-    segment: Int[Array, "*queries"]
-    t: Float[Array, "*queries"]
-    closed: Bool[Array, "*queries"]
-    steps: Int[Array, "*queries"]
+    distance: Float[Array, "*batch"]
+    lower: Float[Array, "*batch"]
+    upper: Float[Array, "*batch"]
+    segment: Int[Array, "*batch"]
+    t: Float[Array, "*batch"]
+    closed: Bool[Array, "*batch"]
+    steps: Int[Array, "*batch"]
 
 
 class _SegmentCell(eqx.Module):

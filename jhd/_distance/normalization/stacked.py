@@ -21,7 +21,8 @@ def stack_curves(curves: Sequence[ShapeLike]) -> BezierSegments:
 
     Each curve is raised to the largest degree. This rounds its control points by a few units in the last place; curves
     of this degree are unchanged. The last segment is then repeated, which does not change the point set, to 4, 16, 48,
-    96, ... segments, so that compiled functions serve more than one batch. If one curve has weights, all get them.
+    96, ... segments, so that compiled functions serve more than one batch. If any curve is rational, all curves get
+    weights (1 for polynomial ones).
 
     >>> import jhd
     >>> jhd.stack_curves([jhd.polyline([(0, 0), (1, 0)]), jhd.circle((0, 0), 1)]).control_points.shape

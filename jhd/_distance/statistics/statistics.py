@@ -165,16 +165,16 @@ class AbstractStatistic(eqx.Module):
             a: the source shape, as in a call.
             b: the target shape, as in a call.
             weights: weights of the points of `a`, as in a call.
-            nodes: largest number of points along a curve or surface. By default the integrals choose it, up to a
-                fixed limit that takes some seconds.
+            nodes: largest number of points along a curve or surface. By default points are added until the integrals
+                are accurate, or until a fixed limit is reached (some seconds).
 
         Returns:
             The value, a scalar array, differentiable in both shapes.
 
         Raises:
             ValueError: all coordinates are nearly subnormal, or `nodes` is not a positive whole number.
-            NotProvenError: it is differentiated without `nodes`, and the derivative is not confirmed to a millionth.
-                In compiled functions the derivative is NaN instead.
+            NotProvenError: the call is differentiated without `nodes`, and the relative error of the derivative could
+                not be confirmed to be below 1e-6. In compiled functions the derivative is NaN instead.
         """
         a, b, counts = self._checked(a, b, weights)
         nodes = None if nodes is None else whole("nodes", nodes, 1)

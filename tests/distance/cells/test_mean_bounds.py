@@ -9,7 +9,7 @@ from jhd._distance.cells.mean_bounds import NEAR, distances_over
 from jhd._distance.normalization.nets import net_of
 from jhd._distance.search import on_patches
 from jhd._distance.search.targets import target_of
-from tests.distance.test_families import sphere
+from tests.distance.test_nonisolated_maxima import sphere
 from tests.reference import distances_to_triangles
 from tests.sweeps import swept
 

@@ -14,7 +14,7 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.nets import net_of
 from jhd._distance.search import on_patches
 from jhd._distance.search.on_patches import NetTarget
-from tests.distance.test_families import cylinder, revolved, sphere, torus
+from tests.distance.test_nonisolated_maxima import cylinder, revolved, sphere, torus
 from tests.sweeps import swept
 
 GRID = np.linspace(0.0, 1.0, 33)

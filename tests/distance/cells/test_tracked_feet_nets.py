@@ -12,7 +12,7 @@ import pytest
 from jhd._distance.cells.pairs import Cell, nearest_in
 from jhd._distance.cells.tracked_feet import moving_bound
 from jhd._distance.normalization.net_jets import Net, jet, part_of
-from tests.distance.test_families import torus
+from tests.distance.test_nonisolated_maxima import torus
 from tests.sweeps import swept
 
 CELLS = 64

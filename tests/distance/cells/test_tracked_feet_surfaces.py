@@ -18,7 +18,7 @@ from jhd._distance.normalization.net_jets import jet
 from jhd._distance.normalization.nets import net_of
 from jhd._distance.normalization.surfaces import prepare_surfaces
 from jhd._shapes import BezierPatches, BezierSegments, ImplicitSurface
-from tests.distance.test_families import sphere as rational_sphere
+from tests.distance.test_nonisolated_maxima import sphere as rational_sphere
 from tests.sweeps import swept
 
 CELLS = 32

@@ -10,7 +10,7 @@ import jhd
 from jhd._distance.cells.mean_bounds import NEAR, distances_over
 from jhd._distance.deviation import in_space
 from jhd._distance.search.body import together
-from tests.distance.test_families import torus
+from tests.distance.test_nonisolated_maxima import torus
 from tests.sweeps import swept
 
 GRID = np.linspace(0, 1, 4)

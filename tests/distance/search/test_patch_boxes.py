@@ -12,7 +12,7 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.search import on_patches, patch_boxes
 from jhd._distance.search.on_patches import NetTarget
 from jhd._distance.search.patch_boxes import PatchBoxes, SettledParts
-from tests.distance.test_families import sphere, torus
+from tests.distance.test_nonisolated_maxima import sphere, torus
 from tests.sweeps import swept
 
 # More points than nodes are cut for, on more pieces than one box holds.

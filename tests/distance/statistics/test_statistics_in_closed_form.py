@@ -16,7 +16,11 @@ from tests.sweeps import swept
 # Of values and derivatives; differences of closed forms hold to 1e-11.
 CLOSE, STEP, CENTRAL = 1e-7, 1e-3, {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 SHARE = 0.7
-MEASURES = {"mean": jhd.MeanDistance(True), "rms": jhd.RMSDistance(True), "quantile": jhd.QuantileDistance(SHARE, True)}
+STATISTICS = {
+    "mean": jhd.MeanDistance(True),
+    "rms": jhd.RMSDistance(True),
+    "quantile": jhd.QuantileDistance(SHARE, True),
+}
 
 
 def difference(function):
@@ -33,10 +37,10 @@ def of_linear(low, high):
     }
 
 
-def check(pair, exact, names=tuple(MEASURES)):
+def check(pair, exact, names=tuple(STATISTICS)):
     """Values between their bounds, and derivatives, are those of the closed forms of a parameter at zero."""
     for name in names:
-        statistic = MEASURES[name]
+        statistic = STATISTICS[name]
         found, value = statistic(*pair(0.0)), exact(0.0)[name]
         assert float(found.lower) <= value * (1 + 1e-14) and value * (1 - 1e-14) <= float(found.upper)
         assert float(found.upper) - float(found.lower) <= 1.1e-3 * value
@@ -107,7 +111,7 @@ def test_weighted_points_beside_a_polynomial_sphere():
             "quantile": d[order[reached]],
         }
 
-    for name, statistic in MEASURES.items():
+    for name, statistic in STATISTICS.items():
         found = statistic(*pair(0.0), weights=counts)
         assert float(found.lower) <= exact(0.0)[name] * (1 + 1e-14)
         assert exact(0.0)[name] * (1 - 1e-14) <= float(found.upper) <= float(found.lower) * (1 + 1e-12)
@@ -130,7 +134,7 @@ def over_a_plane(x):
     return mesh(SQUARE, [low, high, high, low]), mesh(wide, [0.0 * x] * 4)
 
 
-@pytest.mark.parametrize("name", swept(MEASURES))
+@pytest.mark.parametrize("name", swept(STATISTICS))
 def test_a_tilted_mesh_over_a_flat_one(name):
     check(over_a_plane, lambda x: of_linear(0.3 + 0.5 * x, 0.5 - 0.2 * x), [name])
 
@@ -153,7 +157,7 @@ def roofed(x):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("name", MEASURES)
+@pytest.mark.parametrize("name", STATISTICS)
 def test_a_mesh_under_a_roof_of_which_it_sees_both_sides(name):
     check(under_a_roof, roofed, [name])
 
