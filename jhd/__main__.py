@@ -254,9 +254,7 @@ def _parser() -> argparse.ArgumentParser:
 
     purpose = "fit of a curve by few segments, within a tolerance"
     fit = _added(commands, "fit", purpose, _LENGTH_EPILOG.lstrip())
-    curve = (
-        "curve: a .json, .svg, .igs, .iges, .geojson or .wkt file, font:NAME:LETTER, or SVG path data"
-    )
+    curve = "curve: a .json, .svg, .igs, .iges, .geojson or .wkt file, font:NAME:LETTER, or SVG path data"
     fit.add_argument("target", metavar="TARGET", help=curve)
     tolerance = "largest certified Hausdorff distance"
     fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)

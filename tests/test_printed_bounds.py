@@ -201,7 +201,7 @@ def test_a_picture_tells_bounds_that_hold_what_was_found(given):
 
 def test_a_page_tells_bounds_that_hold_what_was_found(given, monkeypatch):
     ends = (jnp.full(2, x) for x in (given.value, given.low, given.high))
-    walked = KINDS.DistanceProfile(jnp.arange(2.0), jnp.zeros((2, 2)), *ends, jnp.zeros((2, 2)))
+    walked = KINDS.DistanceProfile(jnp.arange(2.0), jnp.zeros((2, 2)), *ends, jnp.zeros((2, 2)), jhd.RESULTS.successful)
     monkeypatch.setattr(pages, "distance_profile", lambda *_, **__: walked)
     line = jhd.polyline([(0, 0), (1, 0)])
     text = jhd.plot.page(line, line, given.hausdorff)
@@ -217,7 +217,7 @@ def test_what_is_at_most_a_number_is_at_most_what_is_printed(given):
     upper, zeros, square, index = jnp.full(2, given.high), jnp.zeros(2), jnp.zeros((2, 2)), jnp.zeros(2, int)
     arcs = KINDS.BiarcCurve(square, square, zeros, index, zeros, zeros, upper, index)
     things = (
-        KINDS.DistanceProfile(zeros, square, upper, upper, upper, square),
+        KINDS.DistanceProfile(zeros, square, upper, upper, upper, square, jhd.RESULTS.successful),
         KINDS.DistanceTransform(upper, index[:, None]),
         KINDS.DistanceMap(square, jnp.zeros((2, 2), int), zeros, zeros, upper[0], arcs),
         arcs,

@@ -1,22 +1,20 @@
 """Distances from points along a curve to a shape, as arrays."""
 
-from typing import NamedTuple
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jhd._distance.project import project
+from jhd._results.batches import AbstractSolution
 from jhd._results.display import count_text, described, most_text, opaque
+from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import check_whole
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.curve import check_curve
 
 
-class DistanceProfile(NamedTuple):
+class DistanceProfile(AbstractSolution):
     """Distances from points along a curve to a shape, in the order of the curve.
-
-    The bounds are certified. They may be wider than usual if a search ends early, as no `result` tells it.
 
     Args:
         t: parameters of `a.segments()`: segment k has the interval [k, k + 1], and joints appear twice.
@@ -25,19 +23,21 @@ class DistanceProfile(NamedTuple):
         lower: certified lower bounds of the distances.
         upper: certified upper bounds of the distances.
         foot: foot points on `b`.
+        result: a member of RESULTS for each point.
     """
 
-    t: Float[Array, " parameters"]
-    point: Float[Array, "parameters dim"]
-    distance: Float[Array, " parameters"]
-    lower: Float[Array, " parameters"]
-    upper: Float[Array, " parameters"]
-    foot: Float[Array, "parameters dim"]
+    t: Float[Array, "*batch"]
+    point: Float[Array, "*batch dim"]
+    distance: Float[Array, "*batch"]
+    lower: Float[Array, "*batch"]
+    upper: Float[Array, "*batch"]
+    foot: Float[Array, "*batch dim"]
+    result: RESULTS
 
     def __repr__(self) -> str:
         if text := opaque(self):
             return text
-        parameters = count_text(self.distance.shape[-1], "parameter")
+        parameters = count_text(np.size(self.distance), "parameter")
         return described(self, parameters, most_text("distances up to", self.upper))
 
 
@@ -72,4 +72,5 @@ def distance_profile(a: ShapeLike, b: ShapeLike, samples: int = 64) -> DistanceP
     places = np.tile(shares, segments.count)
     point = segments.point(index, places)
     found = project(point, b, throw=False)
-    return DistanceProfile(jnp.asarray(index + places), point, found.distance, found.lower, found.upper, found.foot)
+    ends = found.distance, found.lower, found.upper
+    return DistanceProfile(jnp.asarray(index + places), point, *ends, found.foot, found.result)

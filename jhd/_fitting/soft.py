@@ -36,7 +36,7 @@ from jhd._distance.normalization.custom_derivatives import carrying
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.method import AbstractHausdorffMethod, check_serves
 from jhd._distance.normalization.pieces import CurvePlace, piece_of, preceding
-from jhd._distance.search.branch_and_bound import BranchAndBound, default_method
+from jhd._distance.search.branch_and_bound import BranchAndBound, chosen_method
 from jhd._runtime.arrays import check_scalar, real_array, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd._shapes.as_shape import ShapeLike, taken_as
@@ -63,7 +63,14 @@ class SoftSamples(NamedTuple):
 
 
 def soft_hausdorff(
-    a: ShapeLike, b: ShapeLike, temperature: Numbers, method: AbstractHausdorffMethod | None = None
+    a: ShapeLike,
+    b: ShapeLike,
+    temperature: Numbers,
+    method: AbstractHausdorffMethod | None = None,
+    *,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
+    throw: bool = True,
 ) -> Array:
     """Smooth upper bound S of the Hausdorff distance H of two curves: a loss with dense gradients.
 
@@ -84,8 +91,11 @@ def soft_hausdorff(
         a: curve or point set, or an object that jhd.as_shape converts to one.
         b: curve or point set of the same dimension as `a`.
         temperature: positive length, in the unit of the coordinates.
-        method: BranchAndBound with the options of the search for H; a wider tolerance widens the bound by as much. None
-            selects BranchAndBound().
+        method: BranchAndBound with the sizes of the search for H. None selects BranchAndBound().
+        rtol: tolerance of H, relative to its upper bound; see `hausdorff`. S grows by the gap of the bounds of H.
+        atol: absolute tolerance of H, in the unit of the coordinates; see `hausdorff`.
+        throw: whether to raise NotProvenError if the bounds of H do not close; by default True. S is an upper bound of
+            the distance in any case.
 
     Returns:
         The bound S, a scalar in the unit of the coordinates.
@@ -93,17 +103,17 @@ def soft_hausdorff(
     Raises:
         TypeError: a shape is no curve, or the method is not BranchAndBound.
         ValueError: the dimensions differ, or the temperature is not a positive length.
-        NotProvenError: the search did not reach its tolerance.
+        NotProvenError: the bounds of H do not close, and `throw` is True (not under jit or vmap).
     """
     first, second = taken_as("a", a), taken_as("b", b)
     check_curve("a", first)
     check_curve("b", second)
     heat = real_array("temperature", temperature)
     check_scalar("temperature", heat, positive=True)
-    method = default_method() if method is None else method
+    method = chosen_method(method, rtol, atol)
     check_serves(method, first, second, (BranchAndBound,))
     p, q = first.segments(), second.segments()
-    found = hausdorff(p, q, method)
+    found = hausdorff(p, q, method, throw=throw)
     hard = carrying(found.upper, found.value)
     known = undifferentiated((p, q))
     good = usable(known[0]) & usable(known[1])

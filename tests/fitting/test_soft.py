@@ -114,6 +114,10 @@ def test_what_is_no_temperature_or_serves_no_curves_is_refused():
         jhd.soft_hausdorff(a, b, 0.1, jhd.published.TwoStep())
     with pytest.raises(TypeError, match="b must be a curve"):
         jhd.soft_hausdorff(a, jhd.ImplicitSurface.parse("x + y + z", [-1, -1, -1], [1, 1, 1]), 0.1)
+    with pytest.raises(jhd.NotProvenError):
+        jhd.soft_hausdorff(a, b, HEAT, jhd.BranchAndBound(max_steps=1))
+    wide = jhd.soft_hausdorff(a, b, HEAT, jhd.BranchAndBound(max_steps=1), throw=False)
+    assert wide > jhd.soft_hausdorff(a, b, HEAT) and jhd.soft_hausdorff(a, b, HEAT, atol=0.5) <= wide
 
 
 def close_pair(seed):
