@@ -64,6 +64,7 @@ _STATUSES = {
     "fit": "0 done; 1 tolerance not reached; 2 invalid input.",
     "field": "0 done; 1 tolerance not reached, or out of time and no field; 2 invalid input.",
     "verify": "0 verified; 1 not checked in the time; 2 invalid input; 4 certificate refused.",
+    "project": "0 done; 1 bounds not closed, or out of time; 2 invalid input.",
     "precompile": "0 done; 2 invalid input.",
     "doctor": "0 self-check passed; 5 self-check failed.",
 }
@@ -332,6 +333,7 @@ def _add_others(commands: Any) -> None:
     rows = "point file (.xyz, .csv, .txt or .npy) instead of X; - or neither means rows on standard input"
     project.add_argument("--points", metavar="FILE", help=rows)
     project.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("chosen by the kind of shape"))
+    _add_max_seconds(project, "time in seconds after which the finished points are printed (default: none)")
     _add_out(project, "result", ".csv or .json")
 
     field = _added(commands, "field", "distance field of a surface on an octree", _SHAPES_EPILOG + _LENGTH_EPILOG)

@@ -296,6 +296,13 @@ def test_points_come_from_a_file_or_standard_input(run, monkeypatch):
     assert status == 2 and "standard input: byte 4 is not UTF-8 text" in err
 
 
+def test_points_that_are_finished_in_time_are_printed(run, monkeypatch):
+    Path("points.txt").write_text("1 2\n3 -1\n2 5\n")
+    monkeypatch.setattr(comparisons, "_MANY_POINTS", 1)
+    status, out, _ = run("project", BASE, "--points", "points.txt", "--max-seconds", "1e-9", "--json")
+    assert status == 1 and json.loads(out)["context"]["points"] == [[1.0, 2.0]]
+
+
 def test_many_points_are_projected_some_at_a_time_and_an_interrupt_keeps_what_is_done(run, monkeypatch):
     Path("points.txt").write_text("1 2\n3 -1\n2 5\n")
     asked = "project", BASE, "--points", "points.txt"

@@ -47,6 +47,7 @@ from jhd._cli.report import (
     space_picture,
 )
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
+from jhd._runtime.clock import Clock
 from jhd._runtime.decimals import lower_text, upper_text
 from jhd._runtime.files import replace_file
 from jhd._shapes.curve import AbstractCurve
@@ -224,10 +225,11 @@ def project(options: Namespace) -> int:
     method = jhd.BestFirstProjection() if isinstance(shape, AbstractCurve) else None
     if options.method is not None:
         method = method_of(options.method, PROJECTIONS)()
+    clock = Clock(options.max_seconds)
     with busy("computing; a first run compiles") as show:
-        found = _projected(points, shape, method, show)
+        found = _projected(points, shape, method, show, clock)
     done = len(found.distance)
-    status = exit_status(found) if done == len(points) else INTERRUPTED
+    status = exit_status(found) if done == len(points) else 1 if clock.is_over() else INTERRUPTED
     asked = {"points": points[:done].tolist(), "method": "exact" if method is None else method_name(method)}
     head, *rows = _rows_of(found, shape)
     if delivered(options, found, table=(head, *rows), shape=options.shape, **asked, **box_of(shape)):
@@ -254,8 +256,8 @@ def _rows_of(found: Any, shape: Any) -> Iterator[list[Any]]:
         yield [*(x.item() for x in (value, lower, upper, *where, *foot)), end]
 
 
-def _projected(points: np.ndarray, shape: Any, method: Any, show: Callback) -> Any:
-    """The projections of the points, thousands at a time; only the finished ones after an interrupt."""
+def _projected(points: np.ndarray, shape: Any, method: Any, show: Callback, clock: Clock) -> Any:
+    """The projections of the points, thousands at a time; only the finished ones after an interrupt or the time."""
     size = _FEW_POINTS if isinstance(shape, AbstractPatch | ImplicitSurface) else _MANY_POINTS
     parts: list[Any] = []
     try:
@@ -263,6 +265,8 @@ def _projected(points: np.ndarray, shape: Any, method: Any, show: Callback) -> A
             parts.append(jhd.project(points[start : start + size], shape, method=method, throw=False))
             done = min(start + size, len(points))
             show(Progress("points", done, len(points)))
+            if clock.is_over():
+                break
     except KeyboardInterrupt:
         if not parts:
             raise

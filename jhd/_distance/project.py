@@ -6,6 +6,8 @@ jhd._distance.nearest.meshes; parametric and implicit surfaces use jhd._distance
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd._distance.curve_queries import projected_on_curve, stationary_on_curve
@@ -13,8 +15,9 @@ from jhd._distance.project_methods import AbstractProjectionMethod, BestFirstPro
 from jhd._distance.published.vertex_voxels import VertexVoxels
 from jhd._distance.search.targets import project_on_surface
 from jhd._distance.witness.mesh_feet import project_on_mesh
-from jhd._results.solution import Projection, StationaryPoints, throw_unless_successful
-from jhd._runtime.arrays import check_whole, real_array
+from jhd._results.solution import RESULTS, Projection, StationaryPoints, throw_unless_successful
+from jhd._runtime.arrays import check_whole, is_traced, real_array
+from jhd._runtime.clock import Clock
 from jhd._shapes.as_shape import ShapeLike, check_rows_first, check_shape, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
@@ -23,6 +26,9 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 from jhd._shapes.prepared import working
 
+# Queries between two looks at the clock.
+_AT_ONCE = 4096
+
 
 def project(
     points: Numbers,
@@ -30,6 +36,7 @@ def project(
     method: AbstractProjectionMethod | VertexVoxels | None = None,
     *,
     throw: bool = True,
+    max_seconds: float | None = None,
 ) -> Projection:
     """Nearest points of a shape to query points, with certified bounds of the distances.
 
@@ -61,20 +68,26 @@ def project(
         method: for curves BestFirstProjection() (default) or ProjectedPolyhedronProjection(), which are certified, or a
             local method; for meshes None (exact search) or VertexVoxels(), which is local; for surfaces None.
         throw: whether to raise NotProvenError if the bounds of a query do not close; by default True.
+        max_seconds: wall time in seconds, checked after every 4096 queries; by default no limit. Queries that are not
+            reached have the bounds 0 and inf, foot points of NaN, and the result RESULTS.out_of_time.
 
     Returns:
         A Projection: distances with bounds, foot points, elements and parameters. Local methods certify no lower bound:
         it is 0. If no point of an implicit surface can be certified, `upper` is infinite.
 
     Raises:
-        TypeError: points that are not real numbers, a shape or a method of another kind, or VertexVoxels under tracing.
+        TypeError: points that are not real numbers, a shape or a method of another kind, or VertexVoxels or
+            `max_seconds` under tracing.
         ValueError: points that are not finite, no points, or points whose dimension is not the one of the shape; a
-            VertexVoxels whose capacity is too small; an implicit surface without points in its box.
+            VertexVoxels whose capacity is too small; an implicit surface without points in its box; or `max_seconds`
+            that is not positive.
         NotProvenError: the bounds did not close, and `throw` is True. The exception carries the solution.
     """
     check_rows_first("project", points)
     shape = taken_as("shape", shape)
     check_shape("shape", shape)
+    if max_seconds is not None:
+        return _finished(_in_time(points, shape, method, Clock(max_seconds)), throw)
     if isinstance(shape, TriangleMesh):
         return project_on_mesh(points, shape, method)
     if isinstance(shape, AbstractPatch | ImplicitSurface):
@@ -88,6 +101,27 @@ def project(
         raise TypeError(f"method must be one of {names} for curves; got {type(method).__name__}.")
     queries, curve = _checked(points, shape)
     return _finished(projected_on_curve(method, queries, curve), throw)
+
+
+def _in_time(points: Numbers, shape: Any, method: Any, clock: Clock) -> Projection:
+    """The projection of some points after the other, as far as the time allows."""
+    if is_traced(points, shape):
+        raise TypeError("max_seconds cannot be combined with jit, vmap or grad: leave it out there.")
+    rows = jnp.atleast_1d(real_array("points", points))
+    queries, parts = rows.reshape(-1, rows.shape[-1]), []
+    for start in range(0, max(len(queries), 1), _AT_ONCE):
+        parts.append(project(queries[start : start + _AT_ONCE], shape, method, throw=False))
+        if clock.is_over():
+            break
+    # What is not reached looks like the last query, without an answer.
+    left = len(queries) - sum(part.distance.shape[0] for part in parts)
+    if left > 0:
+        last = jax.tree_util.tree_map(lambda x: jnp.repeat(x[-1:], left, axis=0), parts[-1])
+        far, no = jnp.full_like(last.distance, jnp.inf), jnp.nan
+        late = jax.tree_util.tree_map(jnp.full_like, last.result, RESULTS.out_of_time)
+        parts.append(Projection(far, 0 * last.lower, far, no * last.foot, 0 * last.element - 1, no * last.t, late))
+    found = jax.tree_util.tree_map(lambda *x: jnp.concatenate(x), *parts)
+    return jax.tree_util.tree_map(lambda x: x.reshape(*rows.shape[:-1], *x.shape[1:]), found)
 
 
 def _finished(projection: Projection, throw: bool) -> Projection:

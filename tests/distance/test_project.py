@@ -1,6 +1,7 @@
 """Foot points: the global methods never miss, bounds hold, every stationary parameter is found, and refusals."""
 
 import math
+import sys
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -26,6 +27,7 @@ LOCAL = [jhd.IntervalHalvingProjection(), jhd.NewtonProjection(), jhd.HybridProj
 QUERIES = 128
 CURVES = 40
 ARCH = jhd.BezierCurve([[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]])
+PATCH = jhd.BezierPatch([[[0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]])
 
 
 def kind(method):
@@ -371,7 +373,7 @@ def test_what_does_not_fit_is_said():
     found = jhd.stationary_points([0.0, 2.0], parabola, capacity=2, throw=False)
     assert name_of(found.result) == "capacity_reached"
     assert found.valid.all()
-    with pytest.raises(jhd.NotProvenError, match="capacity, whichever") as caught:
+    with pytest.raises(jhd.NotProvenError, match="max_boxes or capacity") as caught:
         jhd.stationary_points([0.0, 2.0], parabola, capacity=2)
     # What it encloses are parameters, not the distance.
     assert "bounds reached" not in str(caught.value)
@@ -387,7 +389,7 @@ def test_a_full_solver_leaves_true_bounds():
     assert name_of(jax.tree_util.tree_map(lambda x: x.max(), found.result)) == "capacity_reached"
     expected = reference.distance_profile(rows, control_points)
     assert np.all(found.lower <= expected + PROMISED) and np.all(found.upper >= expected - PROMISED)
-    with pytest.raises(jhd.NotProvenError, match="capacity, whichever"):
+    with pytest.raises(jhd.NotProvenError, match="max_boxes or capacity"):
         jhd.project(rows, jhd.BezierSegments(control_points), method)
 
 
@@ -482,3 +484,27 @@ def test_a_query_that_is_no_number_keeps_its_answer_under_jit():
     np.testing.assert_allclose(found.distance[1], known.distance, rtol=1e-14)
     slope = jax.jit(jax.grad(lambda x: jhd.project(x, curve).distance[1]))(queries)
     np.testing.assert_allclose(slope[1], (queries[1] - known.foot) / known.distance, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        ARCH,
+        jhd.TriangleMesh(np.eye(3), [[0, 1, 2]]),
+        pytest.param(PATCH, marks=pytest.mark.slow),
+    ],
+    ids=["curve", "mesh", "patch"],
+)
+def test_queries_that_are_not_reached_in_time_say_so(shape, monkeypatch):
+    monkeypatch.setattr(sys.modules["jhd._distance.project"], "_AT_ONCE", 4)
+    points = np.random.default_rng(0).normal(size=(3, 3, shape.dim))
+    known, whole = jhd.project(points, shape), jhd.project(points, shape, max_seconds=600)
+    np.testing.assert_array_equal(whole.distance, known.distance)
+    np.testing.assert_array_equal(whole.t, known.t)
+    late = jhd.project(points, shape, max_seconds=1e-9, throw=False)
+    assert late.ok.ravel().tolist() == 4 * [True] + 5 * [False] and name_of(late[2, 2].result) == "out_of_time"
+    assert late.distance[0, 0] == known.distance[0, 0] and late.lower[2, 2] == 0 and late.upper[2, 2] == np.inf
+    with pytest.raises(jhd.NotProvenError, match="The time limit was reached"):
+        jhd.project(points, shape, max_seconds=1e-9)
+    with pytest.raises(TypeError, match="max_seconds cannot be combined with jit"):
+        jax.jit(lambda x: jhd.project(x, shape, max_seconds=1).distance)(points)
