@@ -157,7 +157,7 @@ def test_algorithm_1_as_published_splits_the_cube_about_the_mesh_by_local_distan
     low, high = (np.asarray(end) for end in mesh.bounds)
     recurse(low, float(np.max(high - low)), 0)
     spacing = np.asarray(field.spacing)
-    places = np.asarray(field.lower) + spacing * np.asarray(field.places)
+    places = np.asarray(field.lower) + spacing * np.asarray(field.leaf_corners)
     found = np.column_stack([places, spacing * np.asarray(field.widths)])
     assert 8 < len(found) == len(leaves) < 8**depth
     names = [np.round(np.array(x) * 2.0**20).astype(int).tolist() for x in (found, leaves)]
