@@ -60,7 +60,7 @@ def test_a_percentage_is_refused_with_the_number_that_it_stands_for():
     with pytest.raises(TypeError, match="threshold is '2%'; needs a number; for the diagonal") as caught:
         real_array("threshold", "2%")
     shape = type("Shape", (), {"bounds": bounds})
-    written = str(caught.value).rpartition(" this is ")[2].removesuffix(".")
+    written = str(caught.value).rpartition(" of a shape: ")[2].removesuffix(".")
     assert eval(written, {"np": np, "shape": shape}) == pytest.approx(0.1)
 
 

@@ -165,7 +165,7 @@ def number_instead(name: str, text: str) -> str:
     share = f"{text[:-1]} / 100"
     if name == "rtol":
         return f"a number: {share}"
-    return f"a number; of the diagonal of the box of a shape it is {share} * np.linalg.norm(np.subtract(*shape.bounds))"
+    return f"a number; for the diagonal of the box of a shape: {share} * np.linalg.norm(np.subtract(*shape.bounds))"
 
 
 def check_finite(name: str, array: ArrayLike) -> None:
