@@ -89,9 +89,9 @@ def test_hardly_a_foot_of_a_sample_is_not_the_nearest_one():
 def test_one_search_and_a_thousand_samples_are_what_it_costs(monkeypatch):
     calls = []
 
-    def counted(a, b, method):
+    def counted(a, b, method, **options):
         calls.append((a, b, method))
-        return jhd.hausdorff(a, b, method)
+        return jhd.hausdorff(a, b, method, **options)
 
     monkeypatch.setattr(soft, "hausdorff", counted)
     a, b = (jhd.BezierSegments(rows) for rows in PAIRS["random"])
