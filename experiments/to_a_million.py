@@ -13,7 +13,7 @@ which would need fewer pivot distances and fewer searches.
 
 Claims: the merged nearest shapes of two half shards equal those of the whole shard, within the certified bounds. In
 shards of 4000 less than a hundredth of the distances is searched for. All pairs of a million take a thousand cores days
-and terabytes, the nearest of each an hour and all near-duplicates minutes.
+and terabytes, the nearest of each one to two hours and all near-duplicates minutes.
 
 Feeds: figure and table "to a million".
 Takes: 2 minutes.

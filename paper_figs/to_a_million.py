@@ -1,7 +1,7 @@
 """Time of calls on pairs of shards, and the extrapolation to a million shapes; numbers by to_a_million.
 
 Caption: Time of calls on pairs of shards of 500 to 4000 letters, and the extrapolation to a million shapes on a
-thousand cores. All pairs would take days, the nearest of each shape about an hour, all near-duplicates minutes, if
+thousand cores. All pairs would take days, the nearest of each shape one to two hours, all near-duplicates minutes, if
 cores are busy 80 % of the time and the shapes are like these letters.
 
 Alt text: Left, a log-log plot with three rising lines of CPU time against the size of the shards. Right, three dots on
