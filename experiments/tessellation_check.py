@@ -7,8 +7,8 @@ with the largest distance of samples of both, by a k-d tree; their number is dou
 half a million. Times are CPU seconds; they include compilation if a number of triangles occurs for the first time.
 
 Claims: the distance stays below the guarantee, from the mesh at 73 to 97 % of this bound. Its product with the number
-of triangles stays within a tenth of its mean. Samples give up to 1.1 times the distance of the coarsest mesh, and more
-than 39 and 100 times the distance of the finest, by direction: they measure their own spacing.
+of triangles stays within a tenth of its mean. Samples give more than 39 and 100 times the
+distance of the finest mesh, by direction: they measure their own spacing.
 
 Feeds: figure and table "tessellation check".
 Takes: 2 minutes (67 CPU seconds).
