@@ -60,7 +60,6 @@ AbstractCurve.derivative()
 AbstractCurve.dim
 AbstractCurve.elevate(degree)
 AbstractCurve.homogeneous
-AbstractCurve.length(*, rtol=1e-06, atol=None, max_cells=262144, throw=True, max_seconds=None)
 AbstractCurve.reverse()
 AbstractCurve.segments()
 AbstractCurve.split(t)
@@ -69,6 +68,10 @@ AbstractCurve.to_polyline(tolerance, *, max_segments=1000000)
 AbstractCurve.transform(matrix, offset=0.0)
 AbstractCurveMethod()
 AbstractCurveMethod.serves(a, b)
+AbstractHasArea()
+AbstractHasArea.area(*, rtol=0.0001, atol=None, max_cells=262144, throw=True, max_seconds=None)
+AbstractHasLength()
+AbstractHasLength.length(*, rtol=1e-06, atol=None, max_cells=262144, throw=True, max_seconds=None)
 AbstractHausdorffMethod()
 AbstractHostMethod()
 AbstractMeshSearch()
@@ -78,7 +81,6 @@ AbstractOutcome()
 AbstractOutcome.ok
 AbstractPatch()
 AbstractPatch.__call__(u, v)
-AbstractPatch.area(*, rtol=0.0001, atol=None, max_cells=262144, throw=True, max_seconds=None)
 AbstractPatch.bounds
 AbstractPatch.degrees
 AbstractPatch.dim

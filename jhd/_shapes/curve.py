@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
-from jhd._results.bounds import Bounds
 from jhd._results.display import batch_text, count_text, described, is_known, net_text, opaque
 from jhd._runtime.arrays import array_of, is_traced, module_of, on_host, real_array
 from jhd._shapes import convert, sketches
@@ -26,12 +25,12 @@ from jhd._shapes.flattening import flattened, pieces_following
 from jhd._shapes.foreign import HasVertices, ShapelyGeometry
 from jhd._shapes.homogeneous import affine_image, cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd._shapes.joints import checked, completed, followed, joints, linked, turned, united
-from jhd._shapes.sizes import SIZE_OF
+from jhd._shapes.sizes import AbstractHasLength
 
 SomeCurve = TypeVar("SomeCurve", bound="AbstractCurve")
 
 
-class AbstractCurve(eqx.Module):
+class AbstractCurve(AbstractHasLength):
     """A curve in the plane or in space. Points are rows; parameters are scalars or arrays of any shape."""
 
     control_points: eqx.AbstractVar[Array]
@@ -71,40 +70,6 @@ class AbstractCurve(eqx.Module):
     @abstractmethod
     def _summary(self) -> str:
         """Degree and counts, for the curve as it is printed."""
-
-    def length(
-        self,
-        *,
-        rtol: Numbers = 1e-6,
-        atol: Numbers | None = None,
-        max_cells: int = 1 << 18,
-        throw: bool = True,
-        max_seconds: float | None = None,
-    ) -> Bounds:
-        """The length of the curve with certified bounds, as `jhd.arc_length` computes them.
-
-        >>> import jhd
-        >>> print(f"{jhd.polyline([(0, 0), (3, 4)]).length():.3f}")
-        [4.999, 5.001]
-
-        Args:
-            rtol: tolerance on `upper - lower`, relative to `upper`.
-            atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-12 of the
-                diagonal of the bounding box. The larger tolerance counts.
-            max_cells: largest number of cells.
-            throw: whether to raise NotProvenError if the bounds do not close; by default True.
-            max_seconds: wall time in seconds after which no further cells are cut; by default no limit.
-
-        Returns:
-            Bounds of the length, in the unit of the coordinates.
-
-        Raises:
-            TypeError: the curve is a point set, or it is traced.
-            ValueError: an option that is out of range.
-            NotProvenError: the bounds do not close, and `throw` is True.
-        """
-        limits = {"max_cells": max_cells, "max_seconds": max_seconds}
-        return SIZE_OF["length"](self, rtol=rtol, atol=atol, throw=throw, **limits)
 
     def __repr__(self) -> str:
         return opaque(self) or described(self, self._summary(), net_text(self.control_points, self.weights))

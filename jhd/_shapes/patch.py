@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jhd._arithmetic import bernstein
-from jhd._results.bounds import Bounds
 from jhd._results.display import batch_text, count_text, described, fields_shown, is_known, net_text, opaque, size_text
 from jhd._runtime.arrays import array_of, real_array
 from jhd._runtime.compiled import optimized
@@ -28,7 +27,7 @@ from jhd._shapes.approximation import Approximation, checked_tolerance
 from jhd._shapes.checks import Numbers, check_degrees, checked_between, checked_net, checked_parameter
 from jhd._shapes.homogeneous import affine_image, cartesian, homogeneous
 from jhd._shapes.mesh import TriangleMesh
-from jhd._shapes.sizes import SIZE_OF
+from jhd._shapes.sizes import AbstractHasArea
 from jhd._shapes.tessellation import tessellate
 
 
@@ -94,7 +93,7 @@ class PatchMesh(Approximation[TriangleMesh]):
 SomePatch = TypeVar("SomePatch", bound="AbstractPatch")
 
 
-class AbstractPatch(eqx.Module):
+class AbstractPatch(AbstractHasArea):
     """A parametric surface in space. Points are rows; parameters u, v are scalars or arrays that broadcast."""
 
     control_points: eqx.AbstractVar[Array]
@@ -151,41 +150,6 @@ class AbstractPatch(eqx.Module):
         """Lower and upper corner of the bounding box of the control points; the surface lies inside."""
         control_points = self.patches().control_points
         return jnp.min(control_points, axis=(-4, -3, -2)), jnp.max(control_points, axis=(-4, -3, -2))
-
-    def area(
-        self,
-        *,
-        rtol: Numbers = 1e-4,
-        atol: Numbers | None = None,
-        max_cells: int = 1 << 18,
-        throw: bool = True,
-        max_seconds: float | None = None,
-    ) -> Bounds:
-        """The area of the surface with certified bounds, as `jhd.surface_area` computes them.
-
-        >>> import jhd
-        >>> surface = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[3, 0, 0], [3, 2, 0]]])
-        >>> print(f"{surface.area():.3f}")
-        [5.999, 6.001]
-
-        Args:
-            rtol: tolerance on `upper - lower`, relative to `upper`.
-            atol: absolute tolerance on `upper - lower`, in the square of the unit of the coordinates; by default 1e-12
-                of the squared diagonal of the bounding box. The larger tolerance counts.
-            max_cells: largest number of cells.
-            throw: whether to raise NotProvenError if the bounds do not close; by default True.
-            max_seconds: wall time in seconds after which no further cells are cut; by default no limit.
-
-        Returns:
-            Bounds of the area, in the square of the unit of the coordinates.
-
-        Raises:
-            TypeError: the surface is traced.
-            ValueError: an option that is out of range.
-            NotProvenError: the bounds do not close, and `throw` is True.
-        """
-        limits = {"max_cells": max_cells, "max_seconds": max_seconds}
-        return SIZE_OF["area"](self, rtol=rtol, atol=atol, throw=throw, **limits)
 
     def partials(self, u: Numbers, v: Numbers) -> Partials:
         """Points and their first and second partial derivatives in the parameters of the surface.
