@@ -23,8 +23,7 @@ from jhd._runtime.starting import INTERRUPTED
 # The names of jhd._cli.warming and jhd._fields, written out, as their import takes seconds.
 _KINDS = "plane", "space", "rational", "surfaces", "meshes"
 _MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
-# A single minus means standard input.
-_SHORT = "-", "-h", "-k", "-o"
+_SHORT = "-h", "-k", "-o"
 _FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
 _BOX_HELP = "box of an implicit surface: LOWER UPPER for all axes, or three lower and then three upper ends"
 _SECONDS_HELP = "time in seconds after which the search ends with the bounds reached (default: none)"
@@ -211,7 +210,8 @@ def _numbers(text: str) -> list[float]:
 
 def _option_or_word(word: str) -> str:
     """The word, with a space before a minus that begins no option: argparse would take -1e-3 or -x**2 for one."""
-    return f" {word}" if word.startswith("-") and not word.startswith("--") and word not in _SHORT else word
+    option = word == "-" or word.startswith(("--", *_SHORT))  # a single minus means standard input
+    return f" {word}" if word.startswith("-") and not option else word
 
 
 def _as_given(word: str) -> str:

@@ -3,6 +3,7 @@
 The type checks of jaxtyping must be switched on before the package is imported, so this file imports nothing of it.
 """
 
+import contextlib
 import gc
 import os
 import signal
@@ -198,6 +199,25 @@ def programs_as_they_are_set(request):
     """Tests that set something keep no programs and read none, unless they name a folder; see JHD_CACHE above."""
     if "monkeypatch" in request.fixturenames:
         request.getfixturevalue("monkeypatch").setenv("JHD_CACHE", "0")
+
+
+@pytest.fixture
+def run(capsys, tmp_path):
+    """Runs one command in a folder of its own: exit status, standard output, standard error."""
+    import matplotlib as mpl
+
+    from jhd.__main__ import main
+
+    settings = dict(mpl.rcParams)
+
+    def call(*arguments):
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    with contextlib.chdir(tmp_path):
+        yield call
+    assert dict(mpl.rcParams) == settings
 
 
 @pytest.fixture

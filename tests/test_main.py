@@ -12,7 +12,6 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -20,7 +19,6 @@ from matplotlib.image import imread
 import jhd
 import jhd.io
 from jhd import __main__ as command_line
-from jhd.__main__ import main
 from jhd._cli import commands, comparisons
 from jhd._cli.report import progress_text
 from jhd._cli.warming import KINDS, Preparation, preparations
@@ -38,21 +36,6 @@ from tests.sweeps import CPU_ONLY
 BASE, DIAGONAL = "M0 0 L4 0", "M0 0 L4 3"
 SPACE = '{"type": "BezierSegments", "control_points": [[[0, 0, 0], [1, 1, 1]]]}'
 ROUNDING = 1e-12
-
-
-@pytest.fixture
-def run(capsys, monkeypatch, tmp_path):
-    """Runs one command in a folder of its own: exit status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-    settings = dict(mpl.rcParams)
-
-    def call(*arguments):
-        status = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    yield call
-    assert dict(mpl.rcParams) == settings
 
 
 def unsuccessful(entry):

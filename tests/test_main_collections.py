@@ -13,7 +13,6 @@ from matplotlib.image import imread
 
 import jhd
 import jhd.io
-from jhd.__main__ import main
 from jhd._cli.collected import collected, short_name
 
 # Sets of points, which take no program of curves: their distances along the first axis.
@@ -21,21 +20,14 @@ PLACES = {"a": 0.0, "b": 0.25, "c": 4.0}
 
 
 @pytest.fixture
-def run(capsys, monkeypatch, tmp_path):
+def run(run, tmp_path):
     """Runs one command beside a folder of three sets of points: status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "sets").mkdir()
     for name, x in PLACES.items():
         np.save(tmp_path / "sets" / f"{name}.npy", [[x, 0.0], [x, 1.0]])
     for name in ("notes.md", "notes.txt"):
         (tmp_path / "sets" / name).write_text("no shape")
-
-    def call(*arguments):
-        status = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
+    return run
 
 
 def test_all_pairs_of_a_folder_are_printed_and_kept(run, tmp_path):
@@ -117,7 +109,7 @@ def test_results_are_written_as_tables_and_as_json(run, tmp_path):
     places = [f"sets/{name}.npy" for name in PLACES]
     commands = {
         ("pairwise", "sets"): (["value", "lower", "upper", "a", "b", "result"], [0.25, 4.0, 3.75]),
-        ("nearest", places[1], "sets", "-k", 2): (["value", "lower", "upper", "query", "shape", "result"], [0, 0.25]),
+        ("nearest", places[1], "sets", "-k2"): (["value", "lower", "upper", "query", "shape", "result"], [0, 0.25]),
         ("duplicates", "sets", "--threshold", 0.5): (["lower", "upper", "a", "b", "answer"], [0.25]),
     }
     for command, (columns, exact) in commands.items():

@@ -8,7 +8,6 @@ import pytest
 from matplotlib.image import imread
 
 import jhd
-from jhd.__main__ import main
 from jhd._cli.lengths import length, rounded_diagonal, share_text
 from jhd._cli.options import kind_of
 from jhd._cli.report import shape_line
@@ -26,19 +25,12 @@ PATCH = jhd.BezierPatch([[[0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0]]])
 
 
 @pytest.fixture
-def run(capsys, monkeypatch, tmp_path):
+def run(run):
     """Runs one command in a folder with two squares: exit status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
     save_mesh("low.ply", jhd.TriangleMesh(SQUARE, TRIANGLES))
     save_mesh("high.ply", jhd.TriangleMesh(SQUARE + [0, 0, 1], TRIANGLES))
     np.save("corners.npy", SQUARE)
-
-    def call(*arguments):
-        status = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
+    return run
 
 
 def test_a_length_is_a_number_or_a_share_of_the_diagonal():

@@ -9,24 +9,16 @@ import pytest
 from matplotlib.image import imread
 
 import jhd
-from jhd.__main__ import main
 from jhd.io import save_mesh
 
 
 @pytest.fixture
-def run(capsys, monkeypatch, tmp_path):
+def run(run):
     """Runs one command in a folder with a square above a tilted plane: status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
     triangles = [[0, 1, 2], [0, 2, 3]]
     save_mesh("square.ply", jhd.TriangleMesh([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], triangles))
     save_mesh("plane.obj", jhd.TriangleMesh([[-3, -3, 1.5], [4, -3, -2], [4, 4, -2], [-3, 4, 1.5]], triangles))
-
-    def call(*arguments):
-        status = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
+    return run
 
 
 def numbers_of(out, name):

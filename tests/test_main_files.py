@@ -7,26 +7,18 @@ import pytest
 
 import jhd
 import jhd.io
-from jhd.__main__ import main
 
 NET = [[[0.0, 0, 1], [0, 2, 1]], [[2, 0, 1], [2, 2, 1]]]
 
 
 @pytest.fixture
-def run(capsys, monkeypatch, tmp_path):
+def run(run, tmp_path):
     """Runs one command in a folder with a flat surface and one that is trimmed: status, standard output and error."""
-    monkeypatch.chdir(tmp_path)
     jhd.io.save_iges("flat.igs", jhd.BezierPatch(NET))
     content = (tmp_path / "flat.igs").read_text(encoding="ascii")
     (tmp_path / "trimmed.iges").write_text(content.replace(" 128 ", " 144 ").replace("128,", "144,"), encoding="ascii")
     (tmp_path / "short.igs").write_text(content[:-200], encoding="ascii")
-
-    def call(*arguments):
-        status = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
+    return run
 
 
 @pytest.mark.parametrize(

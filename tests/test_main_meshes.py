@@ -9,7 +9,6 @@ import pytest
 from matplotlib.image import imread
 
 import jhd
-from jhd.__main__ import main
 from jhd._cli.report import place_text
 from jhd.io import load_mesh, load_result, save_mesh
 
@@ -20,18 +19,11 @@ ROUNDING = 1e-12
 
 
 @pytest.fixture
-def run(capsys, monkeypatch, tmp_path):
+def run(run):
     """Runs one command in a folder with two meshes: exit status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
     save_mesh("a.ply", jhd.TriangleMesh(CORNERS, FACES))
     save_mesh("b.obj", jhd.TriangleMesh(CORNERS + [0.25, 0, 0], FACES))
-
-    def call(*arguments):
-        status = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
+    return run
 
 
 def test_the_distance_of_meshes_is_printed_with_triangle_and_barycentric_coordinates(run):

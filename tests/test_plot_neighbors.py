@@ -72,3 +72,5 @@ def test_axes_of_another_number_are_refused():
     panels: Any = Figure().subplots(2, 2)
     with pytest.raises(ValueError, match=r"axes has shape \(2, 2\); needs \(2, 3\), a row for each query"):
         plot.neighbors([BASE, ARCH], 4 * [ARCH], FOUND, panels)
+    with pytest.raises(ValueError, match="no query to draw"):
+        plot.neighbors([BASE, ARCH], 4 * [ARCH], FOUND, rows=[])

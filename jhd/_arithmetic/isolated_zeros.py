@@ -42,19 +42,12 @@ _ROOM = 1 + 1e-9
 
 
 class IsolatedZero(NamedTuple):
-    """A cube about a point, with a radius about the point that contains all zeros in both cube and box.
+    """A cube about a point, with a radius about the point that contains all zeros in both cube and box."""
 
-    Args:
-        place: the point.
-        half: half the side of the cube.
-        radius: bound of the distance of these zeros from the point; negative if there are none.
-        there: whether a zero is proven.
-    """
-
-    place: list[Fraction]
-    half: float
-    radius: float
-    there: bool
+    place: list[Fraction]  # the point
+    half: float  # half the side of the cube
+    radius: float  # bound of the distance of these zeros from the point; negative if there are none
+    there: bool  # whether a zero is proven
 
 
 def isolated_zeros(

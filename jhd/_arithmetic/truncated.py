@@ -37,21 +37,15 @@ _ROUNDINGS = 4 * _COUNT + 16
 
 
 class _Tables(NamedTuple):
-    """Constant arrays for polynomials truncated at one degree.
+    """Constant arrays for polynomials truncated at one degree."""
 
-    Args:
-        degree: the degree.
-        factor: row m, entry k: the number of the term whose product with term m is term k, or the number of terms.
-        of_degree: masks of the terms, and last of the rest, of each degree; the rest counts as one degree above.
-        beyond: mask of the products of two degrees that belong to the rest.
-        to_bernstein: Bernstein coefficients on the square of all terms.
-    """
-
-    degree: int
+    degree: int  # the degree
+    # Row m, entry k: the number of the term whose product with term m is term k, or the number of terms.
     factor: np.ndarray
+    # Masks of the terms, and last of the rest, of each degree; the rest counts as one degree above.
     of_degree: np.ndarray
-    beyond: np.ndarray
-    to_bernstein: np.ndarray
+    beyond: np.ndarray  # mask of the products of two degrees that belong to the rest
+    to_bernstein: np.ndarray  # Bernstein coefficients on the square of all terms
 
 
 @cache
@@ -202,14 +196,11 @@ def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 class _Monomials(NamedTuple):
-    """A plan to compute all monomials, each from one of one degree less, starting with the variables.
+    """A plan to compute all monomials, each from one of one degree less, starting with the variables."""
 
-    Args:
-        groups: for each degree from 2 on, pairs of a variable and the monomials of one degree less to multiply it with.
-        entry: flat index of the coefficient of each monomial, variables first; one behind the last if it has none.
-    """
-
+    # For each degree from 2 on, pairs of a variable and the monomials of one degree less to multiply it with.
     groups: list[list[tuple[int, np.ndarray]]]
+    # Flat index of the coefficient of each monomial, variables first; one behind the last if it has none.
     entry: np.ndarray
 
 

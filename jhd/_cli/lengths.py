@@ -11,17 +11,11 @@ _DIGITS = 4
 
 
 class Length(NamedTuple):
-    """A length as given on the command line.
+    """A length as given on the command line."""
 
-    Args:
-        number: length in input units, or fraction of the diagonal.
-        of_diagonal: whether the number is a fraction of the diagonal.
-        text: text on the command line.
-    """
-
-    number: float
-    of_diagonal: bool
-    text: str
+    number: float  # length in input units, or fraction of the diagonal
+    of_diagonal: bool  # whether the number is a fraction of the diagonal
+    text: str  # text on the command line
 
     def of(self, *shapes: Any) -> float:
         """The length in input units for these shapes."""

@@ -41,21 +41,13 @@ _APART = np.linalg.norm(_POINTS[:, None] - _POINTS[None], axis=2)
 
 
 class Grid(NamedTuple):
-    """The cells of the first level: cubes whose side is a power of two, at multiples of it.
+    """The cells of the first level: cubes whose side is a power of two, at multiples of it."""
 
-    Args:
-        start: the lower corner, in sides.
-        shape: number of cells along each axis.
-        side: of a cell.
-        deepest: halvings after which corners and middles are still floats.
-        origin: the point from which positions are counted.
-    """
-
-    start: Int[np.ndarray, "3"]
-    shape: tuple[int, ...]
-    side: float
-    deepest: int
-    origin: Float[np.ndarray, "3"] = np.zeros(3)
+    start: Int[np.ndarray, "3"]  # the lower corner, in sides
+    shape: tuple[int, ...]  # number of cells along each axis
+    side: float  # of a cell
+    deepest: int  # halvings after which corners and middles are still floats
+    origin: Float[np.ndarray, "3"] = np.zeros(3)  # the point from which positions are counted
 
     @property
     def lower(self) -> Float[np.ndarray, "3"]:
@@ -73,31 +65,19 @@ class Grid(NamedTuple):
 
 
 class Octree(NamedTuple):
-    """A constructed octree; widths and positions are counted in the finest cells.
+    """A constructed octree; widths and positions are counted in the finest cells."""
 
-    Args:
-        grid: the first level.
-        depth: halvings of the finest cells.
-        values: signed distances at the samples that are corners of leaves.
-        corners: the samples of each leaf, in the order of CORNERS.
-        leaf_corners: lower corners of the leaves.
-        widths: of the leaves.
-        nodes: the children of each split cell: the number of a split cell, or -1 - the number of a leaf.
-        roots: these numbers for the cells of the first level.
-        unresolved: leaves off by more than the tolerance, due to max_depth or max_cells.
-        queries: points whose distance was computed.
-    """
-
-    grid: Grid
-    depth: int
-    values: Float[np.ndarray, " samples"]
-    corners: Int[np.ndarray, "leaves 8"]
-    leaf_corners: Int[np.ndarray, "leaves 3"]
-    widths: Int[np.ndarray, " leaves"]
+    grid: Grid  # the first level
+    depth: int  # halvings of the finest cells
+    values: Float[np.ndarray, " samples"]  # signed distances at the samples that are corners of leaves
+    corners: Int[np.ndarray, "leaves 8"]  # the samples of each leaf, in the order of CORNERS
+    leaf_corners: Int[np.ndarray, "leaves 3"]  # lower corners of the leaves
+    widths: Int[np.ndarray, " leaves"]  # of the leaves
+    # The children of each split cell: the number of a split cell, or -1 - the number of a leaf.
     nodes: Int[np.ndarray, "nodes 8"]
-    roots: Int[np.ndarray, "x y z"]
-    unresolved: int
-    queries: int
+    roots: Int[np.ndarray, "x y z"]  # these numbers for the cells of the first level
+    unresolved: int  # leaves off by more than the tolerance, due to max_depth or max_cells
+    queries: int  # points whose distance was computed
 
 
 class _OctreeLevel(NamedTuple):

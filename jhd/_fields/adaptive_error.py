@@ -38,17 +38,11 @@ _SHARE = 64
 
 
 class LeafBoxes(NamedTuple):
-    """Cubes in which a field is trilinear.
+    """Cubes in which a field is trilinear."""
 
-    Args:
-        lower: lower corners.
-        width: sides.
-        values: of the field at the corners.
-    """
-
-    lower: Float[np.ndarray, "boxes 3"]
-    width: Float[np.ndarray, " boxes"]
-    values: Float[np.ndarray, "boxes 8"]
+    lower: Float[np.ndarray, "boxes 3"]  # lower corners
+    width: Float[np.ndarray, " boxes"]  # sides
+    values: Float[np.ndarray, "boxes 8"]  # of the field at the corners
 
     take = taken
 

@@ -28,21 +28,13 @@ _OFF, _NODE = 2e-3, 2e-4
 
 
 class Leaves(NamedTuple):
-    """Leaves, with corners and widths counted in finest cells, `count` of which fill the box along each axis.
+    """Leaves, with corners and widths counted in finest cells, `count` of which fill the box along each axis."""
 
-    Args:
-        leaf_corners: lower corners of the leaves.
-        widths: of the leaves.
-        least: the smallest value at the corners of each leaf.
-        most: the largest value at the corners of each leaf.
-        count: finest cells along each axis.
-    """
-
-    leaf_corners: Int[np.ndarray, "leaves 3"]
-    widths: Int[np.ndarray, " leaves"]
-    least: Float[np.ndarray, " leaves"]
-    most: Float[np.ndarray, " leaves"]
-    count: Int[np.ndarray, "3"]
+    leaf_corners: Int[np.ndarray, "leaves 3"]  # lower corners of the leaves
+    widths: Int[np.ndarray, " leaves"]  # of the leaves
+    least: Float[np.ndarray, " leaves"]  # the smallest value at the corners of each leaf
+    most: Float[np.ndarray, " leaves"]  # the largest value at the corners of each leaf
+    count: Int[np.ndarray, "3"]  # finest cells along each axis
 
 
 class _Lattice(NamedTuple):
@@ -71,17 +63,11 @@ class _Lattice(NamedTuple):
 
 
 class _ExtractedPart(NamedTuple):
-    """Triangles of some blocks.
+    """Triangles of some blocks."""
 
-    Args:
-        triangles: keys of their corners.
-        inner: keys of corners that are inside of cells.
-        places: coordinates of the inner corners, counted in cells.
-    """
-
-    triangles: Int[np.ndarray, "triangles 3"]
-    inner: Int[np.ndarray, " vertices"]
-    places: Float[np.ndarray, "vertices 3"]
+    triangles: Int[np.ndarray, "triangles 3"]  # keys of their corners
+    inner: Int[np.ndarray, " vertices"]  # keys of corners that are inside of cells
+    places: Float[np.ndarray, "vertices 3"]  # coordinates of the inner corners, counted in cells
 
 
 def extracted(

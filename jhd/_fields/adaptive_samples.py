@@ -41,19 +41,12 @@ class HasSearch(Protocol):
 
 
 class Samples(NamedTuple):
-    """Points near a mesh with their known distances and sides.
+    """Points near a mesh with their known distances and sides."""
 
-    Args:
-        distance: rounded distances to the mesh, in its unit.
-        clearance: proven lower bounds of the distances.
-        triangle: the nearest triangle, in the order of the tree.
-        side: 1 outside, -1 inside, 0 if not known yet.
-    """
-
-    distance: Float[np.ndarray, " points"]
-    clearance: Float[np.ndarray, " points"]
-    triangle: Int[np.ndarray, " points"]
-    side: Int[np.ndarray, " points"]
+    distance: Float[np.ndarray, " points"]  # rounded distances to the mesh, in its unit
+    clearance: Float[np.ndarray, " points"]  # proven lower bounds of the distances
+    triangle: Int[np.ndarray, " points"]  # the nearest triangle, in the order of the tree
+    side: Int[np.ndarray, " points"]  # 1 outside, -1 inside, 0 if not known yet
 
     @property
     def signed(self) -> Float[np.ndarray, " points"]:
@@ -62,15 +55,10 @@ class Samples(NamedTuple):
 
 
 class CellNeighbors(NamedTuple):
-    """Known samples around each of some points.
+    """Known samples around each of some points."""
 
-    Args:
-        numbers: numbers of the samples.
-        points: coordinates of the samples.
-    """
-
-    numbers: Int[np.ndarray, "points neighbors"]
-    points: Float[np.ndarray, "points neighbors 3"]
+    numbers: Int[np.ndarray, "points neighbors"]  # numbers of the samples
+    points: Float[np.ndarray, "points neighbors 3"]  # coordinates of the samples
 
 
 class Surface(NamedTuple):

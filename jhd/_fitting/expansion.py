@@ -25,17 +25,12 @@ FloatArray = Any  # np.ndarray of floats; NumPy's own generic alias says no more
 
 
 class Moving(NamedTuple):
-    """A curve with its derivatives in the parameters, in homogeneous form if it has weights.
+    """A curve with its derivatives in the parameters, in homogeneous form if it has weights."""
 
-    Args:
-        points: (segments, points, width), the coordinates, times the weights and followed by them if there are any.
-        tangent: (segments, points, width, parameters), or None for a curve that is fixed.
-        rational: whether the last coordinate is the weight.
-    """
-
+    # (segments, points, width), the coordinates, times the weights and followed by them if there are any.
     points: FloatArray
-    tangent: FloatArray | None
-    rational: bool
+    tangent: FloatArray | None  # (segments, points, width, parameters), or None for a curve that is fixed
+    rational: bool  # whether the last coordinate is the weight
 
     def places(self, segment: FloatArray) -> FloatArray:
         """The control points (segments, points, dim) of some segments."""
@@ -44,21 +39,15 @@ class Moving(NamedTuple):
 
 
 class Expansion(NamedTuple):
-    """Second-order expansion of the values of some pairs.
+    """Second-order expansion of the values of some pairs."""
 
-    Args:
-        value: (pairs,) distances, largest first.
-        gradient: (pairs, parameters).
-        rows: (pairs, unknowns, parameters), and
-        core: (pairs, unknowns, unknowns) whose products rows^T core rows are the Hessians, but for the second
-            derivatives of the control points. There are few unknowns, whatever the number of parameters.
-        cotangent: (pairs, segments, points, width) gradients in the homogeneous control points of the moving curve.
-    """
-
-    value: FloatArray
-    gradient: FloatArray
-    rows: FloatArray
+    value: FloatArray  # (pairs,) distances, largest first
+    gradient: FloatArray  # (pairs, parameters)
+    rows: FloatArray  # (pairs, unknowns, parameters), and
+    # (pairs, unknowns, unknowns) whose products rows^T core rows are the Hessians, but for the second derivatives of
+    # the control points. There are few unknowns, whatever the number of parameters.
     core: FloatArray
+    # (pairs, segments, points, width) gradients in the homogeneous control points of the moving curve.
     cotangent: FloatArray
 
     def hessian(self, weights: FloatArray) -> FloatArray:

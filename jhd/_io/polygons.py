@@ -28,23 +28,14 @@ _Ear = tuple[int, int, int]
 
 
 class Polygons(NamedTuple):
-    """Vertices and polygons read from a file.
+    """Vertices and polygons read from a file."""
 
-    Args:
-        vertices: coordinates, (vertices, 3).
-        corners: the indices of the corners of all polygons, one after the other.
-        sizes: the number of corners of each polygon.
-        vertex_places: line or byte of each vertex in the file.
-        polygon_places: line or byte of each polygon in the file.
-        by_line: whether these are lines, not bytes.
-    """
-
-    vertices: np.ndarray
-    corners: np.ndarray
-    sizes: np.ndarray
-    vertex_places: Sequence[int] | np.ndarray
-    polygon_places: Sequence[int] | np.ndarray
-    by_line: bool = True
+    vertices: np.ndarray  # coordinates, (vertices, 3)
+    corners: np.ndarray  # the indices of the corners of all polygons, one after the other
+    sizes: np.ndarray  # the number of corners of each polygon
+    vertex_places: Sequence[int] | np.ndarray  # line or byte of each vertex in the file
+    polygon_places: Sequence[int] | np.ndarray  # line or byte of each polygon in the file
+    by_line: bool = True  # whether these are lines, not bytes
 
 
 def mesh_of(file: object, found: Polygons) -> TriangleMesh:

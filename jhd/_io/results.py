@@ -15,7 +15,9 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from jhd._io.errors import ParseError, read_text, shown
+from jhd._io.described import load_json
+from jhd._io.errors import ParseError, shown
+from jhd._results.outcomes import names_of
 from jhd._results.solution import stored_fields, to_plain
 from jhd._runtime.archives import read_arrays
 from jhd._runtime.files import replace_file
@@ -87,7 +89,9 @@ def load_result(file: str | Path) -> dict[str, object]:
         ParseError: the file is damaged, or does not contain a result.
         ValueError: another suffix.
     """
-    content = _load_json(file) if _suffix(file) == ".json" else _load_npz(file)
+    content = load_json(file) if _suffix(file) == ".json" else _load_npz(file)
+    if not isinstance(content, dict):
+        raise ParseError("is not a saved result: it is not a JSON object.", file)
     missing = {"type", "solution", "context"} - content.keys()
     if missing:
         raise ParseError(f"is not a saved result: it has no {sorted(missing)[0]!r}.", file)
@@ -147,21 +151,7 @@ def _is_member(value: Any) -> bool:
 
 def _names(members: Any) -> np.ndarray:
     """The names of a batch of members, in its shape."""
-    by_index = {int(member._value): name for name, member in members._enumeration._name_to_item.items()}
-    values = np.asarray(members._value)
-    return np.array([by_index[int(index)] for index in values.ravel()]).reshape(values.shape)
-
-
-def _load_json(file: str | Path) -> dict[str, Any]:
-    try:
-        content = json.loads(read_text(file))
-    except json.JSONDecodeError as error:
-        raise ParseError(f"JSON: {error.msg}.", file, error.lineno, error.colno) from error
-    except (ValueError, RecursionError) as error:
-        raise ParseError(f"JSON: {shown(str(error), 100)}.", file) from None
-    if not isinstance(content, dict):
-        raise ParseError("is not a saved result: it is not a JSON object.", file)
-    return content
+    return np.reshape(names_of(members), np.shape(members._value))
 
 
 def _load_npz(file: str | Path) -> dict[str, Any]:

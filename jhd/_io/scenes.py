@@ -14,17 +14,11 @@ _MOST_PARTS, _MOST_TRIANGLES = 20_000, 20_000_000
 
 
 class ScenePart(NamedTuple):
-    """Triangles in a scene.
+    """Triangles in a scene."""
 
-    Args:
-        points: coordinates, (points, 3).
-        triangles: indices of the points, (triangles, 3).
-        matrix: map to the scene, (4, 4), which multiplies columns (x, y, z, 1).
-    """
-
-    points: np.ndarray
-    triangles: np.ndarray
-    matrix: np.ndarray
+    points: np.ndarray  # coordinates, (points, 3)
+    triangles: np.ndarray  # indices of the points, (triangles, 3)
+    matrix: np.ndarray  # map to the scene, (4, 4), which multiplies columns (x, y, z, 1)
 
 
 def joined(file: object, parts: Iterable[ScenePart]) -> TriangleMesh:

@@ -20,7 +20,6 @@ from jhd._io.errors import ParseError, shown
 from jhd._io.path_text import contours_of_path
 from jhd._io.svg_elements import Element, Viewport, compose, translation
 
-# Most elements drawn, with repetitions by `use`: this many times the elements of the file, plus a constant.
 _ALWAYS_DRAWN = 100_000
 # Most levels of nested uses.
 _MOST_USES = 8

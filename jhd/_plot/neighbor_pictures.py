@@ -58,13 +58,15 @@ def neighbors(
 
     Raises:
         TypeError: an object is no shape, or `found` is no result of jhd.nearest_shapes.
-        ValueError: `axes` has the wrong shape.
+        ValueError: `axes` has the wrong shape, or there is no query.
     """
     if not isinstance(found, Neighbors):
         got = type(found).__name__
         raise TypeError(f"found is a {got}; needs the result of jhd.nearest_shapes: neighbors(queries, shapes, found).")
     # Queries drawn by default: more are too many for a page.
     chosen = list(range(min(len(queries), 8)) if rows is None else rows)
+    if not chosen:
+        raise ValueError("there is no query to draw.")
     width = 1 + found.index.shape[1]
     dim = as_shape(queries[0]).dim
     drawn = _figure(len(chosen), width, dim) if axes is None else np.asarray(axes)

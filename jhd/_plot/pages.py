@@ -258,9 +258,8 @@ def _in_plane(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str]
 
 def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, Any]:
     """Points along a curve with their distances, among them the farthest point, and its event."""
-    count = a.segments().count
-    # Approximate number of points of a walk along a curve, and least and most points of one segment.
-    found = distance_profile(a, b, samples=int(np.clip(1500 // count, 4, 64)))
+    # About 1500 points along the whole curve.
+    found = distance_profile(a, b, samples=int(np.clip(1500 // a.segments().count, 4, 64)))
     names = ("t", "point", "distance", "lower", "upper")
     walk: dict[str, Any] = {name: np.asarray(getattr(found, name)).tolist() for name in names}
     walk["dots"] = a.segments().degree == 0

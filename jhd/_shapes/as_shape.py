@@ -136,7 +136,7 @@ def _converted(value: Any) -> Any:
 
 
 def _is_pair(value: Any) -> bool:
-    """Whether the value is a pair of tables, the second one of integers; a list of two points is not."""
+    """Whether the value is a pair of tables, of vertices and of triangles; a list of two points is not."""
     if not isinstance(value, tuple | list) or len(value) != 2:
         return False
     tables = [x if hasattr(x, "ndim") else np.asarray(x, object) for x in value]
@@ -221,6 +221,11 @@ def _chains(cells: np.ndarray) -> list[np.ndarray]:
     rows, start = [], 0
     while start < len(cells):
         stop = start + 1 + int(cells[start])
+        if not start < stop <= len(cells):
+            raise ValueError(
+                f"entry {start} of a flat list of cells is {cells[start]}; it should be the number of points that "
+                f"follow, of which there are {len(cells) - start - 1}."
+            )
         rows.append(cells[start + 1 : stop])
         start = stop
     return rows

@@ -24,25 +24,15 @@ SHORT = 2.0**-200
 
 
 class HostArcs(NamedTuple):
-    """Arcs on the host; points and deviations in the user's coordinates, rounded to the precision of the curve.
+    """Arcs on the host; points and deviations in the user's coordinates, rounded to the precision of the curve."""
 
-    Args:
-        segment: the segment of the curve that each arc stands for.
-        t0: parameter at the start of its piece.
-        t1: parameter at the end of its piece.
-        start: first point of the arc, a complex number.
-        end: last point of the arc.
-        bulge: tan(sweep / 4), positive to the left.
-        deviation: proven bound of the Hausdorff distance of the arc and its piece.
-    """
-
-    segment: np.ndarray
-    t0: np.ndarray
-    t1: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    bulge: np.ndarray
-    deviation: np.ndarray
+    segment: np.ndarray  # the segment of the curve that each arc stands for
+    t0: np.ndarray  # parameter at the start of its piece
+    t1: np.ndarray  # parameter at the end of its piece
+    start: np.ndarray  # first point of the arc, a complex number
+    end: np.ndarray  # last point of the arc
+    bulge: np.ndarray  # tan(sweep / 4), positive to the left
+    deviation: np.ndarray  # proven bound of the Hausdorff distance of the arc and its piece
 
     take = taken
 

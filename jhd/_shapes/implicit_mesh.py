@@ -48,17 +48,11 @@ _GROWTH = (1.02, 4.0)
 
 
 class BoxedPolynomial(NamedTuple):
-    """A positive multiple of a polynomial over its box.
+    """A positive multiple of a polynomial over its box."""
 
-    Args:
-        coefficients: in Bernstein form over the box, at most one.
-        error: bound of the error of each coefficient, here and after restriction.
-        sides: sides of the box, in any unit.
-    """
-
-    coefficients: np.ndarray
-    error: float
-    sides: np.ndarray
+    coefficients: np.ndarray  # in Bernstein form over the box, at most one
+    error: float  # bound of the error of each coefficient, here and after restriction
+    sides: np.ndarray  # sides of the box, in any unit
 
     @classmethod
     def of(cls, coefficients: np.ndarray, lower: np.ndarray, upper: np.ndarray, sides: np.ndarray) -> "BoxedPolynomial":
@@ -159,19 +153,12 @@ def _bend(polynomial: BoxedPolynomial, low: np.ndarray, high: np.ndarray) -> np.
 
 
 class MarchedSurface(NamedTuple):
-    """The zeros of a piecewise linear function, without cells in which it has one sign.
+    """The zeros of a piecewise linear function, without cells in which it has one sign."""
 
-    Args:
-        low: the node at one end of the edge on which each vertex lies, as integer coordinates in the grid.
-        high: the node at the other end; equal to `low` if the function is zero there.
-        share: fraction of the edge from `low` to the vertex.
-        triangles: numbers of three vertices, counter-clockwise seen from the side of positive values.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    share: np.ndarray
-    triangles: np.ndarray
+    low: np.ndarray  # the node at one end of the edge on which each vertex lies, as integer coordinates in the grid
+    high: np.ndarray  # the node at the other end; equal to `low` if the function is zero there
+    share: np.ndarray  # fraction of the edge from `low` to the vertex
+    triangles: np.ndarray  # numbers of three vertices, counter-clockwise seen from the side of positive values
 
 
 def nodes_of(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -356,9 +343,8 @@ def _cells(polynomial: BoxedPolynomial, counts: np.ndarray) -> np.ndarray:
 def _check_regular(polynomial: BoxedPolynomial, box: _Box, cells: np.ndarray, counts: np.ndarray) -> None:
     """Raise NotRegularError unless a finer grid proves the cells that this grid leaves unproven."""
     while len(cells):
-        # Most cells along the longest side after bisecting unproven cells: a regular surface whose features are a
-        # thousandth of the box is proven there.
-        # If a step has more unproven cells, the surface is refused at once: a curve of singular points, for example.
+        # A regular surface whose features are a thousandth of the box is proven with 4096 cells along a side. Very many
+        # unproven cells are refused at once: a curve of singular points, for example.
         if counts.max() >= 4096 or len(cells) > 50_000:
             raise NotRegularError(box.places((cells[0] + 0.5) / counts))
         counts = 2 * counts

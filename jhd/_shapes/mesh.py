@@ -235,21 +235,15 @@ class TriangleMesh(eqx.Module):
 
 
 class Edges(NamedTuple):
-    """Incidence of triangles, edges and vertices of a mesh; vertices with equal coordinates count as one.
+    """Incidence of triangles, edges and vertices of a mesh; vertices with equal coordinates count as one."""
 
-    Args:
-        places: number of the point at each corner of each triangle.
-        edge: the edge from corner k to corner k + 1 of each triangle; -1 if both corners are one point.
-        count: the number of triangles at each edge.
-        balance: the number of triangles that run along the edge one way, minus the number that run the other way.
-        proper: which triangles have three different corners; the others have no edges.
-    """
-
-    places: Int[np.ndarray, "triangles 3"]
+    places: Int[np.ndarray, "triangles 3"]  # number of the point at each corner of each triangle
+    # The edge from corner k to corner k + 1 of each triangle; -1 if both corners are one point.
     edge: Int[np.ndarray, "triangles 3"]
-    count: Int[np.ndarray, " edges"]
+    count: Int[np.ndarray, " edges"]  # the number of triangles at each edge
+    # The number of triangles that run along the edge one way, minus the number that run the other way.
     balance: Int[np.ndarray, " edges"]
-    proper: Bool[np.ndarray, " triangles"]
+    proper: Bool[np.ndarray, " triangles"]  # which triangles have three different corners; the others have no edges
 
 
 def edges_of(mesh: TriangleMesh) -> Edges:

@@ -65,21 +65,13 @@ _CONVEX, _LONG = 1e-3, 3e4
 
 
 class PatchBorders(NamedTuple):
-    """Borders of patches; side k of a patch is u = 0, u = 1, v = 0, v = 1.
+    """Borders of patches; side k of a patch is u = 0, u = 1, v = 0, v = 1."""
 
-    Args:
-        number: the number of each side (patches, 4), one for all sides that are one curve.
-        turned: whether the side runs against the direction in which its curve is taken.
-        patch: the patch that stands for each curve.
-        side: its side there.
-        collapsed: whether the curve is one point.
-    """
-
-    number: np.ndarray
-    turned: np.ndarray
-    patch: np.ndarray
-    side: np.ndarray
-    collapsed: np.ndarray
+    number: np.ndarray  # the number of each side (patches, 4), one for all sides that are one curve
+    turned: np.ndarray  # whether the side runs against the direction in which its curve is taken
+    patch: np.ndarray  # the patch that stands for each curve
+    side: np.ndarray  # its side there
+    collapsed: np.ndarray  # whether the curve is one point
 
     @classmethod
     def of(cls, points: np.ndarray, weights: np.ndarray | None) -> "PatchBorders":
@@ -143,25 +135,15 @@ def _padded(rows: np.ndarray, length: int) -> np.ndarray:
 
 
 class PatchCells(NamedTuple):
-    """Rectangles [u0, u1] x [v0, v1] of patches, with bounds of their deviation.
+    """Rectangles [u0, u1] x [v0, v1] of patches, with bounds of their deviation."""
 
-    Args:
-        patch: number of the patch.
-        u0: start in u; all four ends are exact dyadic numbers.
-        u1: end in u.
-        v0: start in v.
-        v1: end in v.
-        bound: bound of the distance of surface and triangles, local; infinite if not measured.
-        along_u: whether u is the parameter to bisect.
-    """
-
-    patch: np.ndarray
-    u0: np.ndarray
-    u1: np.ndarray
-    v0: np.ndarray
-    v1: np.ndarray
-    bound: np.ndarray
-    along_u: np.ndarray
+    patch: np.ndarray  # number of the patch
+    u0: np.ndarray  # start in u; all four ends are exact dyadic numbers
+    u1: np.ndarray  # end in u
+    v0: np.ndarray  # start in v
+    v1: np.ndarray  # end in v
+    bound: np.ndarray  # bound of the distance of surface and triangles, local; infinite if not measured
+    along_u: np.ndarray  # whether u is the parameter to bisect
 
     take = taken
 

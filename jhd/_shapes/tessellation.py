@@ -50,23 +50,14 @@ class _Goal(NamedTuple):
 
 
 class _Loops(NamedTuple):
-    """The points around rectangles, counter-clockwise in the parameters from the corner of least u and v.
+    """The points around rectangles, counter-clockwise in the parameters from the corner of least u and v."""
 
-    Args:
-        node: numbers of points, one rectangle after the other; one point may have two numbers.
-        cell: the rectangle of each entry of `node`.
-        inner: how many entries lie inside each of the four sides (cells, 4).
-        patch: a patch that each numbered point lies on.
-        u: its first parameter there.
-        v: its second one.
-    """
-
-    node: np.ndarray
-    cell: np.ndarray
-    inner: np.ndarray
-    patch: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
+    node: np.ndarray  # numbers of points, one rectangle after the other; one point may have two numbers
+    cell: np.ndarray  # the rectangle of each entry of `node`
+    inner: np.ndarray  # how many entries lie inside each of the four sides (cells, 4)
+    patch: np.ndarray  # a patch that each numbered point lies on
+    u: np.ndarray  # its first parameter there
+    v: np.ndarray  # its second one
 
     def place(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Patch, u and v of each numbered point."""

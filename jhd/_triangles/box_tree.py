@@ -22,17 +22,12 @@ class Level(NamedTuple):
 
 
 class BoxTree(NamedTuple):
-    """Boxes of the children of every node.
+    """Boxes of the children of every node."""
 
-    Args:
-        order: the triangles as sorted.
-        boxes: lower and upper corners (6) of the eight children of each node; absent children lie at infinity.
-        levels: the nodes whose children are triangles, then those above, up to a single root.
-    """
-
-    order: Int[np.ndarray, " triangles"]
+    order: Int[np.ndarray, " triangles"]  # the triangles as sorted
+    # Lower and upper corners (6) of the eight children of each node; absent children lie at infinity.
     boxes: Float[np.ndarray, "nodes 6 8"]
-    levels: tuple[Level, ...]
+    levels: tuple[Level, ...]  # the nodes whose children are triangles, then those above, up to a single root
 
 
 def box_tree(corners: Float[np.ndarray, "triangles corners 3"]) -> BoxTree:
@@ -85,17 +80,11 @@ def _sorted_within(centers: np.ndarray, order: np.ndarray, starts: np.ndarray, s
 
 
 class Hints(NamedTuple):
-    """A near triangle for the middle of every cell of a grid, not always the nearest.
+    """A near triangle for the middle of every cell of a grid, not always the nearest."""
 
-    Args:
-        lower: the corner of the grid.
-        side: side of a cell.
-        triangle: the triangle for each cell.
-    """
-
-    lower: Float[np.ndarray, "3"]
-    side: float
-    triangle: Int[np.ndarray, "x y z"]
+    lower: Float[np.ndarray, "3"]  # the corner of the grid
+    side: float  # side of a cell
+    triangle: Int[np.ndarray, "x y z"]  # the triangle for each cell
 
     def at(self, points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
         """The hint for each point; points outside get the hint of the border."""

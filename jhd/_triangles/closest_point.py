@@ -38,29 +38,18 @@ _FAR = {8: 400, 4: 40}
 
 
 class TriangleTree(NamedTuple):
-    """A mesh prepared for searches, with coordinates divided by 2^exponent, so that they are at most one.
+    """A mesh prepared for searches, with coordinates divided by 2^exponent, so that they are at most one."""
 
-    Args:
-        table: the sorted triangles in their frames, repeated up to a length for which functions are compiled.
-        turn: the first corner of each frame.
-        boxes: as in BoxTree, padded in length like the table.
-        levels: as in BoxTree.
-        order: the number in the mesh of each sorted triangle.
-        hints: a near sorted triangle for each point.
-        exponent: the power of two.
-        longest: the longest edge.
-        factor: error_factor of the table.
-    """
-
+    # The sorted triangles in their frames, repeated up to a length for which functions are compiled.
     table: Float[Array, "padded columns"]
-    turn: Int[np.ndarray, " triangles"]
-    boxes: Float[Array, "nodes 6 8"]
-    levels: tuple[Level, ...]
-    order: Int[np.ndarray, " triangles"]
-    hints: Hints
-    exponent: int
-    longest: float
-    factor: float
+    turn: Int[np.ndarray, " triangles"]  # the first corner of each frame
+    boxes: Float[Array, "nodes 6 8"]  # as in BoxTree, padded in length like the table
+    levels: tuple[Level, ...]  # as in BoxTree
+    order: Int[np.ndarray, " triangles"]  # the number in the mesh of each sorted triangle
+    hints: Hints  # a near sorted triangle for each point
+    exponent: int  # the power of two
+    longest: float  # the longest edge
+    factor: float  # error_factor of the table
 
     def error(self, distance: Any) -> Any:
         """Bound on the error of computed distances, in the tree's unit, rounded up."""
@@ -70,34 +59,21 @@ class TriangleTree(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """The nearest triangle of each point, in the unit of a tree.
+    """The nearest triangle of each point, in the unit of a tree."""
 
-    Args:
-        square: computed squared distances.
-        triangle: numbers in the sorted order.
-    """
-
-    square: Float[np.ndarray, " points"]
-    triangle: Int[np.ndarray, " points"]
+    square: Float[np.ndarray, " points"]  # computed squared distances
+    triangle: Int[np.ndarray, " points"]  # numbers in the sorted order
 
 
 class ClosestPoints(NamedTuple):
-    """The nearest points of a mesh, in the unit of the coordinates.
+    """The nearest points of a mesh, in the unit of the coordinates."""
 
-    Args:
-        distance: computed distances.
-        lower: proven lower bounds of the distances to the whole mesh.
-        upper: proven upper bounds.
-        foot: the nearest points.
-        triangle: the triangles that hold them.
-        t: barycentric coordinates of the nearest points in these triangles; exactly 0 off a face.
-    """
-
-    distance: Float[np.ndarray, " points"]
-    lower: Float[np.ndarray, " points"]
-    upper: Float[np.ndarray, " points"]
-    foot: Float[np.ndarray, "points 3"]
-    triangle: Int[np.ndarray, " points"]
+    distance: Float[np.ndarray, " points"]  # computed distances
+    lower: Float[np.ndarray, " points"]  # proven lower bounds of the distances to the whole mesh
+    upper: Float[np.ndarray, " points"]  # proven upper bounds
+    foot: Float[np.ndarray, "points 3"]  # the nearest points
+    triangle: Int[np.ndarray, " points"]  # the triangles that hold them
+    # Barycentric coordinates of the nearest points in these triangles; exactly 0 off a face.
     t: Float[np.ndarray, "points 3"]
 
 

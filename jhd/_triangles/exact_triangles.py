@@ -24,17 +24,12 @@ _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
 class NearestPair(NamedTuple):
-    """A nearest pair of points of two triangles, exactly.
+    """A nearest pair of points of two triangles, exactly."""
 
-    Args:
-        square: the squared distance; zero if the triangles meet.
-        weights_a: barycentric coordinates of the point of the first triangle; exactly 0 off the feature that holds it.
-        weights_b: barycentric coordinates of the point of the second triangle.
-    """
-
-    square: Fraction
+    square: Fraction  # the squared distance; zero if the triangles meet
+    # Barycentric coordinates of the point of the first triangle; exactly 0 off the feature that holds it.
     weights_a: _Vector
-    weights_b: _Vector
+    weights_b: _Vector  # barycentric coordinates of the point of the second triangle
 
 
 def exact_pair(a: np.ndarray, b: np.ndarray) -> NearestPair:
@@ -56,17 +51,11 @@ def exact_pair(a: np.ndarray, b: np.ndarray) -> NearestPair:
 
 
 class Planes(NamedTuple):
-    """The planes through two nearest points, across the line that joins them.
+    """The planes through two nearest points, across the line that joins them."""
 
-    Args:
-        normal: vector from the point of b to the point of a.
-        at_a: the scalar product of the normal and the points of the plane of a.
-        at_b: the scalar product of the normal and the points of the plane of b.
-    """
-
-    normal: _Vector
-    at_a: Fraction
-    at_b: Fraction
+    normal: _Vector  # vector from the point of b to the point of a
+    at_a: Fraction  # the scalar product of the normal and the points of the plane of a
+    at_b: Fraction  # the scalar product of the normal and the points of the plane of b
 
 
 def planes(a: np.ndarray, b: np.ndarray, nearest: NearestPair) -> Planes:

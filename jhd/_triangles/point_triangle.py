@@ -49,19 +49,12 @@ LENGTHS = (0, 1, 2, 9, 12, 15, 16, 17)
 
 
 class Frames(NamedTuple):
-    """Triangles in their frames; NumPy arrays, or JAX arrays if the corners are traced.
+    """Triangles in their frames; NumPy arrays, or JAX arrays if the corners are traced."""
 
-    Args:
-        table: A, u, v, L, c1, s1, l1, c2, s2, l2, c, h of each triangle.
-        turn: the number of the corner A in the triangle.
-        longest: M, the largest L.
-        defect: eps of this module's docstring, with room for the rounding of measuring it.
-    """
-
-    table: Float[Any, "triangles columns"]
-    turn: Int[Any, " triangles"]
-    longest: Any
-    defect: Any
+    table: Float[Any, "triangles columns"]  # A, u, v, L, c1, s1, l1, c2, s2, l2, c, h of each triangle
+    turn: Int[Any, " triangles"]  # the number of the corner A in the triangle
+    longest: Any  # M, the largest L
+    defect: Any  # eps of this module's docstring, with room for the rounding of measuring it
 
 
 def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:

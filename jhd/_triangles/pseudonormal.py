@@ -19,17 +19,11 @@ from jhd._triangles.unit import in_unit, scaled_down
 
 
 class Pseudonormals(NamedTuple):
-    """Outward normals, not normalized, of the faces, edges and corners of every triangle.
+    """Outward normals, not normalized, of the faces, edges and corners of every triangle."""
 
-    Args:
-        face: of the triangles.
-        edge: of the edges opposite to each corner.
-        corner: of the corners.
-    """
-
-    face: Float[np.ndarray, "triangles 3"]
-    edge: Float[np.ndarray, "triangles corners 3"]
-    corner: Float[np.ndarray, "triangles corners 3"]
+    face: Float[np.ndarray, "triangles 3"]  # of the triangles
+    edge: Float[np.ndarray, "triangles corners 3"]  # of the edges opposite to each corner
+    corner: Float[np.ndarray, "triangles corners 3"]  # of the corners
 
 
 def pseudonormals(mesh: TriangleMesh, sign: str = "pseudonormal") -> Pseudonormals:

@@ -30,17 +30,11 @@ from jhd._triangles.point_triangle import absolute_floor
 
 
 class PairBounds(NamedTuple):
-    """Bounds for pairs of triangles.
+    """Bounds for pairs of triangles."""
 
-    Args:
-        lower: proven lower bounds of the distances.
-        upper: proven upper bounds.
-        gap: the largest gap along a direction; negative if triangles meet or may meet.
-    """
-
-    lower: Float[Array, " pairs"]
-    upper: Float[Array, " pairs"]
-    gap: Float[Array, " pairs"]
+    lower: Float[Array, " pairs"]  # proven lower bounds of the distances
+    upper: Float[Array, " pairs"]  # proven upper bounds
+    gap: Float[Array, " pairs"]  # the largest gap along a direction; negative if triangles meet or may meet
 
 
 def lower_bounds(a: Float[Array, "corners 3 pairs"], b: Float[Array, "corners 3 pairs"]) -> Float[Array, " pairs"]:

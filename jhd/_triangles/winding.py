@@ -61,17 +61,11 @@ _ROOM = 0.1
 
 
 class _Moments(NamedTuple):
-    """Sums over the triangles of every node, in the order of the tree's nodes.
+    """Sums over the triangles of every node, in the order of the tree's nodes."""
 
-    Args:
-        table: c, N, M, R, S and area of each node (18 numbers), repeated up to a length with a compiled function.
-        corners: corners of the sorted triangles, padded in length like the table.
-        count: number of triangles.
-    """
-
-    table: Array
-    corners: Array
-    count: int
+    table: Array  # c, N, M, R, S and area of each node (18 numbers), repeated up to a length with a compiled function
+    corners: Array  # corners of the sorted triangles, padded in length like the table
+    count: int  # number of triangles
 
 
 def is_inside(

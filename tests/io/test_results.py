@@ -150,6 +150,9 @@ def test_files_that_hold_something_else_are_refused(tmp_path):
     (tmp_path / "x.json").write_text('{"type": "a", "solution": {}}', encoding="utf-8")
     with pytest.raises(ParseError, match=r"x\.json: is not a saved result: it has no 'context'"):
         load_result(tmp_path / "x.json")
+    (tmp_path / "x.json").write_text('{"type": "a", "type": "b", "solution": {}, "context": {}}', encoding="utf-8")
+    with pytest.raises(ParseError, match=r"x\.json: JSON: .*'type'"):
+        load_result(tmp_path / "x.json")
     (tmp_path / "x.npz").write_bytes(b"junk")
     with pytest.raises(ParseError, match=r"x\.npz: is not an npz file"):
         load_result(tmp_path / "x.npz")

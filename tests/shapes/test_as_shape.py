@@ -169,6 +169,9 @@ def test_traced_arrays_are_points_and_vertices_with_derivatives():
         ((CORNERS, FACES[:, [0, 1, 2, 2]]), ValueError, r"triangles has shape \(2, 4\)"),
         ((CORNERS, FACES + 0.5), TypeError, "triangles must be integers"),
         (SimpleNamespace(points=CORNERS, faces=np.array([4, 0, 1, 2, 3])), ValueError, "faces.0. has 4 corners"),
+        # A list whose rows end by -1 would be read for ever.
+        (SimpleNamespace(points=CORNERS, faces=np.array([2, 0, 1, -1])), ValueError, "entry 3 of a flat list"),
+        (SimpleNamespace(points=CORNERS, faces=np.array([4, 0, 1])), ValueError, "of which there are 2"),
         (SimpleNamespace(points=CORNERS, faces=FACES, lines=FACES[:, :2]), ValueError, "faces and lines"),
         (geomdl_surface(trims=[1]), ValueError, "the surface is trimmed"),
         (NdBSpline(([0.0, 0, 1, 1],) * 3, np.zeros((2, 2, 2, 3)), 1), ValueError, "the spline has 3 parameters"),

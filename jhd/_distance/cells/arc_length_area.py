@@ -42,28 +42,20 @@ _UP, _DOWN = 1 + gamma(512, np.float64), 1 - gamma(512, np.float64)
 
 
 class FlatCells(NamedTuple):
-    """Cells and flat pieces near them: a point of a cell is within `slack` of the piece's at equal parameters.
+    """Cells and flat pieces near them: a point of a cell is within `slack` of the piece's at equal parameters."""
 
-    Args:
-        corners: corners of the pieces: a point, a segment, a triangle, or a parallelogram in the order of its
-            parameters.
-        slack: bound of the distance between points of the cell and of the piece at equal parameters.
-        lower: lower bounds of the length or area of each cell; 1 for a point.
-        upper: upper bounds of the length or area of each cell.
-        uneven: bound of the integral of |density / mean density - 1|.
-        controls: control points of each cell. The polynomial with the values of a convex function there as coefficients
-            is at least that function; for a concave function it is at most that function. If no such points are known,
-            they are the corners.
-        off: bound of the distance of points of the cell to the polynomial with these coefficients; the slack for
-            corners.
-    """
-
+    # Corners of the pieces: a point, a segment, a triangle, or a parallelogram in the order of its parameters.
     corners: Float[np.ndarray, "cells corners 3"]
+    # Bound of the distance between points of the cell and of the piece at equal parameters.
     slack: Float[np.ndarray, " cells"]
-    lower: Float[np.ndarray, " cells"]
-    upper: Float[np.ndarray, " cells"]
-    uneven: Float[np.ndarray, " cells"]
+    lower: Float[np.ndarray, " cells"]  # lower bounds of the length or area of each cell; 1 for a point
+    upper: Float[np.ndarray, " cells"]  # upper bounds of the length or area of each cell
+    uneven: Float[np.ndarray, " cells"]  # bound of the integral of |density / mean density - 1|
+    # Control points of each cell. The polynomial with the values of a convex function there as coefficients is at least
+    # that function; for a concave function it is at most that function. If no such points are known, they are the
+    # corners.
     controls: Float[np.ndarray, "cells controls 3"]
+    # Bound of the distance of points of the cell to the polynomial with these coefficients; the slack for corners.
     off: Float[np.ndarray, " cells"]
 
     take = taken
@@ -171,19 +163,12 @@ def _length(values: np.ndarray) -> np.ndarray:
 
 
 class NormalForm(NamedTuple):
-    """A form whose length, divided by a power of the weight, is the density of length or area, for each piece.
+    """A form whose length, divided by a power of the weight, is the density of length or area, for each piece."""
 
-    Args:
-        values: its coefficients (pieces, rows, columns, 3).
-        size: bound of their lengths (pieces,).
-        error: bound of their errors (pieces,).
-        power: power of the weight in the denominator, 0 for polynomial pieces.
-    """
-
-    values: np.ndarray
-    size: Any
-    error: Any
-    power: int
+    values: np.ndarray  # its coefficients (pieces, rows, columns, 3)
+    size: Any  # bound of their lengths (pieces,)
+    error: Any  # bound of their errors (pieces,)
+    power: int  # power of the weight in the denominator, 0 for polynomial pieces
 
 
 def normal_form(points: np.ndarray, weights: np.ndarray | None, off: float) -> NormalForm:

@@ -62,25 +62,17 @@ _WORTH, _THINNEST, _SHORT = 0.125, 2.0**-20, 2.0**-24
 
 
 class OverCells(NamedTuple):
-    """Bounds over cells, and data for the bounds of their parts.
+    """Bounds over cells, and data for the bounds of their parts."""
 
-    Args:
-        lower: lower bound of the distance, everywhere.
-        upper: upper bound of the distance, everywhere.
-        mean: bounds (cells, 2) of its mean.
-        square: bounds (cells, 2) of the mean of its square.
-        reach: distance of the far point that served; negative if farther ones do not help.
-        ends: values at the corners of two affine functions of the parameters, between which the distance lies.
-        parting: values at the corners of an affine function; the cell is best cut along its zeros. All are zero if
-            there is no such cut.
-    """
-
-    lower: Float[np.ndarray, " cells"]
-    upper: Float[np.ndarray, " cells"]
-    mean: Float[np.ndarray, "cells 2"]
-    square: Float[np.ndarray, "cells 2"]
-    reach: Float[np.ndarray, " cells"]
+    lower: Float[np.ndarray, " cells"]  # lower bound of the distance, everywhere
+    upper: Float[np.ndarray, " cells"]  # upper bound of the distance, everywhere
+    mean: Float[np.ndarray, "cells 2"]  # bounds (cells, 2) of its mean
+    square: Float[np.ndarray, "cells 2"]  # bounds (cells, 2) of the mean of its square
+    reach: Float[np.ndarray, " cells"]  # distance of the far point that served; negative if farther ones do not help
+    # Values at the corners of two affine functions of the parameters, between which the distance lies.
     ends: Float[np.ndarray, "cells corners 2"]
+    # Values at the corners of an affine function; the cell is best cut along its zeros. All are zero if there is no
+    # such cut.
     parting: Float[np.ndarray, "cells corners"]
 
     take = taken

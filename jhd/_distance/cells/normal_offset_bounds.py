@@ -52,19 +52,12 @@ from jhd._distance.normalization.net_jets import Net, enclosed, eta, jet, part_o
 
 
 class Heights(NamedTuple):
-    """Components of the vector from a piece of b to a over cells, (indices, cells) or (cells,).
+    """Components of the vector from a piece of b to a over cells, (indices, cells) or (cells,)."""
 
-    Args:
-        height: coefficients of s.
-        aside: bound of |t|.
-        aside_sq: bound of the mean of |t|^2.
-        error: bound of the error of both.
-    """
-
-    height: Array
-    aside: Array
-    aside_sq: Array
-    error: Array
+    height: Array  # coefficients of s
+    aside: Array  # bound of |t|
+    aside_sq: Array  # bound of the mean of |t|^2
+    error: Array  # bound of the error of both
 
 
 class Valley(NamedTuple):
@@ -82,23 +75,14 @@ class Valley(NamedTuple):
 
 
 class HeightBounds(NamedTuple):
-    """Bounds over cells, for points that are spread evenly over their parameters; infinite if unknown.
+    """Bounds over cells, for points that are spread evenly over their parameters; infinite if unknown."""
 
-    Args:
-        least: lower bound of the distance everywhere.
-        most: upper bound of the distance everywhere.
-        least_mean: lower bound of its mean.
-        most_mean: upper bound of its mean.
-        least_square: lower bound of the mean of its square.
-        most_square: upper bound of the mean of its square.
-    """
-
-    least: Float[np.ndarray, " cells"]
-    most: Float[np.ndarray, " cells"]
-    least_mean: Float[np.ndarray, " cells"]
-    most_mean: Float[np.ndarray, " cells"]
-    least_square: Float[np.ndarray, " cells"]
-    most_square: Float[np.ndarray, " cells"]
+    least: Float[np.ndarray, " cells"]  # lower bound of the distance everywhere
+    most: Float[np.ndarray, " cells"]  # upper bound of the distance everywhere
+    least_mean: Float[np.ndarray, " cells"]  # lower bound of its mean
+    most_mean: Float[np.ndarray, " cells"]  # upper bound of its mean
+    least_square: Float[np.ndarray, " cells"]  # lower bound of the mean of its square
+    most_square: Float[np.ndarray, " cells"]  # upper bound of the mean of its square
 
     def narrowed(self, other: "HeightBounds") -> "HeightBounds":
         """Return the tighter of both bounds."""

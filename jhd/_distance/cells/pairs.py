@@ -162,35 +162,21 @@ def nearest_in(
 
 
 class _Sides(NamedTuple):
-    """Both parts of a cell: control points, balls of the derivatives of a - b, and error bounds.
+    """Both parts of a cell: control points, balls of the derivatives of a - b, and error bounds."""
 
-    Args:
-        whole_a: the piece of a.
-        whole_b: the piece of b.
-        a: the part of the piece of a.
-        b: the part of the piece of b.
-        first: the first derivatives of a - b over the cell.
-        apart: a - b over the cell.
-        of_f: the second derivatives of F over the cell.
-        ball_a: point and derivatives of a, as in `enclosed`.
-        ball_b: point and derivatives of b.
-        fixed: parameters that have one value only.
-        off: bound on the error of the length of a computed difference of points.
-        wrong: error bounds of a component of its derivatives in each parameter of the cell, if taken from whole pieces:
-            they shrink with the cell, the errors of derivatives from parts do not.
-    """
-
-    whole_a: Net
-    whole_b: Net
-    a: Net
-    b: Net
-    first: Ball
-    apart: Ball
-    of_f: Ball
-    ball_a: NetJet
-    ball_b: NetJet
-    fixed: Array
-    off: float
+    whole_a: Net  # the piece of a
+    whole_b: Net  # the piece of b
+    a: Net  # the part of the piece of a
+    b: Net  # the part of the piece of b
+    first: Ball  # the first derivatives of a - b over the cell
+    apart: Ball  # a - b over the cell
+    of_f: Ball  # the second derivatives of F over the cell
+    ball_a: NetJet  # point and derivatives of a, as in `enclosed`
+    ball_b: NetJet  # point and derivatives of b
+    fixed: Array  # parameters that have one value only
+    off: float  # bound on the error of the length of a computed difference of points
+    # Error bounds of a component of its derivatives in each parameter of the cell, if taken from whole pieces: they
+    # shrink with the cell, the errors of derivatives from parts do not.
     wrong: Any
 
 
@@ -214,19 +200,12 @@ def _sides(a: Net, b: Net, cell: Cell) -> _Sides:
 
 
 class _PairAt(NamedTuple):
-    """A pair of points with the derivatives in the parameters of the cell, and its relative position in the cell.
+    """A pair of points with the derivatives in the parameters of the cell, and its relative position in the cell."""
 
-    Args:
-        e: the difference of the points.
-        slopes: its derivatives.
-        before: the fraction of the cell before the parameters.
-        after: the fraction behind them.
-    """
-
-    e: Array
-    slopes: Array
-    before: Array
-    after: Array
+    e: Array  # the difference of the points
+    slopes: Array  # its derivatives
+    before: Array  # the fraction of the cell before the parameters
+    after: Array  # the fraction behind them
 
     @classmethod
     def at(cls, sides: _Sides, cell: Cell, x: Array) -> "_PairAt":

@@ -40,17 +40,11 @@ _PAIRS, _TRIPLES = (np.array(list(combinations(range(FEET), k))) for k in (2, 3)
 
 
 class Hulls(NamedTuple):
-    """Enclosures of cells: convex hulls of points, widened by a slack, and directions along the cells.
+    """Enclosures of cells: convex hulls of points, widened by a slack, and directions along the cells."""
 
-    Args:
-        corners: the points (cells, corners, 3).
-        slack: largest distance of a point of each cell from the hull.
-        tangents: two directions along each cell (cells, 2, 3), zero for none; no proof depends on them.
-    """
-
-    corners: Any
-    slack: Any
-    tangents: Any
+    corners: Any  # the points (cells, corners, 3)
+    slack: Any  # largest distance of a point of each cell from the hull
+    tangents: Any  # two directions along each cell (cells, 2, 3), zero for none; no proof depends on them
 
 
 def bound_of(hull: Any, flats: Flats, triangles: bool) -> Array:

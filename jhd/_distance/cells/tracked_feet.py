@@ -125,19 +125,12 @@ class WithFeetOnFirst(WithMovingFeet):
 
 
 class MovingBound(NamedTuple):
-    """A lower bound over a pair of cells, with the conditions that it depends on.
+    """A lower bound over a pair of cells, with the conditions that it depends on."""
 
-    Args:
-        lower: the bound.
-        graph: whether a is near its polynomials.
-        convex: whether L is proven convex.
-        bent: see MovingPoint.
-    """
-
-    lower: Any
-    graph: Any
-    convex: Any
-    bent: Any
+    lower: Any  # the bound
+    graph: Any  # whether a is near its polynomials
+    convex: Any  # whether L is proven convex
+    bent: Any  # see MovingPoint
 
 
 def moving_bound(a: Net | Side, b: Net | Side, cell: Cell, start: Array) -> MovingBound:

@@ -30,16 +30,11 @@ _S, _T, _SS, _ST, _TT = (EXPONENTS.index(powers) for powers in ((1, 0), (0, 1), 
 
 
 class MovingPoint(NamedTuple):
-    """Points of a shape over a cell, as polynomials of one or two numbers in [-1, 1].
+    """Points of a shape over a cell, as polynomials of one or two numbers in [-1, 1]."""
 
-    Args:
-        point: the points (terms, 3).
-        beside: largest distance of the shape from them; infinite if it is not known to be near.
-        bent: deviation of the polynomial of an implicit surface from a linear one, along each coordinate; else zero.
-    """
-
-    point: Truncated
-    beside: Array
+    point: Truncated  # the points (terms, 3)
+    beside: Array  # largest distance of the shape from them; infinite if it is not known to be near
+    # Deviation of the polynomial of an implicit surface from a linear one, along each coordinate; else zero.
     bent: Array
 
 

@@ -48,25 +48,16 @@ _PARTS, _NUMBER = np.array([_WHOLE, *_OFF, *_THROUGH]), np.array([4, 3, 3, 3, 2,
 
 
 class TriangleCells(NamedTuple):
-    """Triangular parts of the triangles of a.
+    """Triangular parts of the triangles of a."""
 
-    Args:
-        owner: the triangle of a.
-        weights: barycentric coordinates of the three corners.
-        square: computed squared distances of the corners to b, in the unit of the tree.
-        nearest: their nearest triangles, as sorted in the tree.
-        upper: proven bound of the largest distance of a point of the cell to b.
-        depth: number of splits.
-        middle: a nearest triangle of the middle of the cell, -1 if it was not computed.
-    """
-
-    owner: Int[np.ndarray, " cells"]
-    weights: Float[np.ndarray, "cells corners 3"]
+    owner: Int[np.ndarray, " cells"]  # the triangle of a
+    weights: Float[np.ndarray, "cells corners 3"]  # barycentric coordinates of the three corners
+    # Computed squared distances of the corners to b, in the unit of the tree.
     square: Float[np.ndarray, "cells corners"]
-    nearest: Int[np.ndarray, "cells corners"]
-    upper: Float[np.ndarray, " cells"]
-    depth: Int[np.ndarray, " cells"]
-    middle: Int[np.ndarray, " cells"]
+    nearest: Int[np.ndarray, "cells corners"]  # their nearest triangles, as sorted in the tree
+    upper: Float[np.ndarray, " cells"]  # proven bound of the largest distance of a point of the cell to b
+    depth: Int[np.ndarray, " cells"]  # number of splits
+    middle: Int[np.ndarray, " cells"]  # a nearest triangle of the middle of the cell, -1 if it was not computed
 
     take = taken
 
@@ -77,19 +68,12 @@ class TriangleCells(NamedTuple):
 
 
 class MeshSide(NamedTuple):
-    """The mesh a in the unit of the tree of b.
+    """The mesh a in the unit of the tree of b."""
 
-    Args:
-        corners: corners of the triangles of a.
-        size: largest coordinate.
-        tree: the tree of b.
-        b_corners: corners of the triangles of b, in the order of the mesh.
-    """
-
-    corners: Float[np.ndarray, "triangles corners 3"]
-    size: float
-    tree: TriangleTree
-    b_corners: Float[np.ndarray, "others corners 3"]
+    corners: Float[np.ndarray, "triangles corners 3"]  # corners of the triangles of a
+    size: float  # largest coordinate
+    tree: TriangleTree  # the tree of b
+    b_corners: Float[np.ndarray, "others corners 3"]  # corners of the triangles of b, in the order of the mesh
 
     def slack(self, depth: Any) -> Any:
         """Bound the errors of a computed point, and of the union of a cell's parts, relative to the exact cell."""

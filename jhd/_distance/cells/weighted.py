@@ -57,16 +57,11 @@ def _least_mean(weights: Weights, values: np.ndarray) -> float:
 
 
 class Values(NamedTuple):
-    """Bounds of values over cells.
+    """Bounds of values over cells."""
 
-    Args:
-        lower: lower bound everywhere.
-        upper: upper bound everywhere.
-        ends: values at the corners of two affine functions, which bound the values from below and above.
-    """
-
-    lower: Float[np.ndarray, " cells"]
-    upper: Float[np.ndarray, " cells"]
+    lower: Float[np.ndarray, " cells"]  # lower bound everywhere
+    upper: Float[np.ndarray, " cells"]  # upper bound everywhere
+    # Values at the corners of two affine functions, which bound the values from below and above.
     ends: Float[np.ndarray, "cells corners 2"]
 
     take = taken

@@ -41,17 +41,11 @@ _BITS = 2.0**44
 
 
 class Terms(NamedTuple):
-    """Factors of the multipliers at samples: slacks of the feet, and the polynomials there and on the source.
+    """Factors of the multipliers at samples: slacks of the feet, and the polynomials there and on the source."""
 
-    Args:
-        slacks: (feet, samples), divided by the square of the bound.
-        there: (feet, samples), or no rows if the target is no implicit surface.
-        here: (samples,), or None if the source is no implicit surface.
-    """
-
-    slacks: np.ndarray
-    there: np.ndarray
-    here: np.ndarray | None
+    slacks: np.ndarray  # (feet, samples), divided by the square of the bound
+    there: np.ndarray  # (feet, samples), or no rows if the target is no implicit surface
+    here: np.ndarray | None  # (samples,), or None if the source is no implicit surface
 
 
 class SurfaceMultipliers(NamedTuple):
@@ -82,21 +76,13 @@ class TightPlace(NamedTuple):
 
 
 class Program(NamedTuple):
-    """A linear program for multipliers.
+    """A linear program for multipliers."""
 
-    Args:
-        fixed: number of leading variables, which are not negative and have the sum one.
-        most: largest absolute value of the other variables.
-        slopes: rows whose products with the variables are not negative, up to `slope`.
-        slope: tolerance of these products.
-        price: cost of the other variables if all are as large as possible.
-    """
-
-    fixed: int
-    most: float
-    slopes: np.ndarray
-    slope: float = 0.0
-    price: float = COST
+    fixed: int  # number of leading variables, which are not negative and have the sum one
+    most: float  # largest absolute value of the other variables
+    slopes: np.ndarray  # rows whose products with the variables are not negative, up to `slope`
+    slope: float = 0.0  # tolerance of these products
+    price: float = COST  # cost of the other variables if all are as large as possible
 
     def solved(self, rows: np.ndarray, far: np.ndarray, least: float) -> np.ndarray | None:
         """Return variables with all rows at least `least` + t `far` for the largest t; None if t is not positive.

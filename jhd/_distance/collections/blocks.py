@@ -42,39 +42,23 @@ class PairKind(NamedTuple):
 
 
 class CurveRows(NamedTuple):
-    """Curves of one size: their arrays on the host, and the matrices that raise their degrees.
+    """Curves of one size: their arrays on the host, and the matrices that raise their degrees."""
 
-    Args:
-        points: control points, the last one of each segment repeated up to the compiled degree.
-        weights: weights, repeated in the same way, or None.
-        next_segment: the joints.
-        raising: a matrix for each curve, zero for repeated points.
-    """
-
-    points: Any
-    weights: Any
-    next_segment: Any
-    raising: Any
+    points: Any  # control points, the last one of each segment repeated up to the compiled degree
+    weights: Any  # weights, repeated in the same way, or None
+    next_segment: Any  # the joints
+    raising: Any  # a matrix for each curve, zero for repeated points
 
 
 class Block(NamedTuple):
-    """Pairs of curves of one kind, and the range in which each distance matters.
+    """Pairs of curves of one kind, and the range in which each distance matters."""
 
-    Args:
-        a: the first curve of each pair.
-        b: the second curve of each pair.
-        level: distances up to this length do not matter, in the unit of the coordinates.
-        ceiling: distances above this length need no closer bounds.
-        count: number of pairs to measure; the others fill the block.
-        method: the options.
-    """
-
-    a: CurveRows
-    b: CurveRows
-    level: Any
-    ceiling: Any
-    count: Any
-    method: BranchAndBound
+    a: CurveRows  # the first curve of each pair
+    b: CurveRows  # the second curve of each pair
+    level: Any  # distances up to this length do not matter, in the unit of the coordinates
+    ceiling: Any  # distances above this length need no closer bounds
+    count: Any  # number of pairs to measure; the others fill the block
+    method: BranchAndBound  # the options
 
 
 class MeasuredPairs(NamedTuple):

@@ -23,19 +23,12 @@ _WIDTH = 8
 
 
 class Standings(NamedTuple):
-    """Bounds and results of the distances from some queries to all shapes.
+    """Bounds and results of the distances from some queries to all shapes."""
 
-    Args:
-        lower: proven lower bounds (queries, shapes).
-        upper: proven upper bounds.
-        value: the measured distances, else NaN.
-        result: numbers of RESULTS if measured, else -1.
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    value: np.ndarray
-    result: np.ndarray
+    lower: np.ndarray  # proven lower bounds (queries, shapes)
+    upper: np.ndarray  # proven upper bounds
+    value: np.ndarray  # the measured distances, else NaN
+    result: np.ndarray  # numbers of RESULTS if measured, else -1
 
 
 class Found(NamedTuple):

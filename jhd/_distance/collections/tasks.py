@@ -37,19 +37,12 @@ _ALONE = 8
 
 
 class AskedPairs(NamedTuple):
-    """Pairs of shapes, and the range in which each distance matters.
+    """Pairs of shapes, and the range in which each distance matters."""
 
-    Args:
-        rows: indices into the first collection.
-        columns: indices into the second collection.
-        level: distances up to this length do not matter.
-        ceiling: distances above this length need no closer bounds.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    level: np.ndarray
-    ceiling: np.ndarray
+    rows: np.ndarray  # indices into the first collection
+    columns: np.ndarray  # indices into the second collection
+    level: np.ndarray  # distances up to this length do not matter
+    ceiling: np.ndarray  # distances above this length need no closer bounds
 
 
 def pairs_between(rows: Any, columns: Any, level: Any = 0.0, ceiling: Any = np.inf) -> AskedPairs:

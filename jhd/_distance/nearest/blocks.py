@@ -38,27 +38,16 @@ def is_long(curve: BezierSegments) -> bool:
 
 
 class Blocks(NamedTuple):
-    """A curve of many segments in sorted blocks; all coordinates at most one in size.
+    """A curve of many segments in sorted blocks; all coordinates at most one in size."""
 
-    Args:
-        curve: the curve.
-        segment: numbers of the segments as sorted, (blocks, segments).
-        start: first points.
-        chord: vectors to the last points; zero if they are too short to count.
-        inverse: one over their squares, or zero.
-        delta: bounds of how far the segments are from their chords, inf for repeated segments.
-        lower: lower corners of the boxes of the blocks.
-        upper: upper corners of the boxes of the blocks.
-    """
-
-    curve: BezierSegments
-    segment: Array
-    start: Array
-    chord: Array
-    inverse: Array
-    delta: Array
-    lower: Array
-    upper: Array
+    curve: BezierSegments  # the curve
+    segment: Array  # numbers of the segments as sorted, (blocks, segments)
+    start: Array  # first points
+    chord: Array  # vectors to the last points; zero if they are too short to count
+    inverse: Array  # one over their squares, or zero
+    delta: Array  # bounds of how far the segments are from their chords, inf for repeated segments
+    lower: Array  # lower corners of the boxes of the blocks
+    upper: Array  # upper corners of the boxes of the blocks
 
 
 def blocks_of(curve: BezierSegments) -> Blocks:
@@ -124,21 +113,13 @@ def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
 
 
 class _GroupLook(NamedTuple):
-    """Progress of a group: the segments searched, first a few for each query, then block after block.
+    """Progress of a group: the segments searched, first a few for each query, then block after block."""
 
-    Args:
-        found: the nearest points so far.
-        least: lower bounds of the distances to the segments looked at.
-        remaining: lower bounds of the distances to the blocks not begun.
-        block: the block that is looked at.
-        count: how often some segments were looked at.
-    """
-
-    found: NearestOnCurve
-    least: Array
-    remaining: Array
-    block: Array
-    count: Array
+    found: NearestOnCurve  # the nearest points so far
+    least: Array  # lower bounds of the distances to the segments looked at
+    remaining: Array  # lower bounds of the distances to the blocks not begun
+    block: Array  # the block that is looked at
+    count: Array  # how often some segments were looked at
 
 
 def nearest_in_blocks(blocks: Blocks, points: Array) -> NearestOnCurve:

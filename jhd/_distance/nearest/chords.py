@@ -26,19 +26,12 @@ from jhd._shapes.curve import BezierSegments
 
 
 class Chords(NamedTuple):
-    """Chords with leading axes, and bounds of the distance of each from its part of the curve.
+    """Chords with leading axes, and bounds of the distance of each from its part of the curve."""
 
-    Args:
-        start: first points.
-        chord: vectors to the last points; zero if they are too short to count.
-        inverse: one over their squares, or zero.
-        delta: bounds of the distances of all control points from their chord.
-    """
-
-    start: Array
-    chord: Array
-    inverse: Array
-    delta: Array
+    start: Array  # first points
+    chord: Array  # vectors to the last points; zero if they are too short to count
+    inverse: Array  # one over their squares, or zero
+    delta: Array  # bounds of the distances of all control points from their chord
 
 
 def chords_between(start: Array, end: Array, points: Array) -> Chords:

@@ -34,18 +34,12 @@ class _NearSamples(NamedTuple):
 
 
 class NearCurve(NamedTuple):
-    """A curve in common coordinates with the data for finding feet on it.
+    """A curve in common coordinates with the data for finding feet on it."""
 
-    Args:
-        curve: the curve.
-        skip: mask of the segments that repeat their predecessor.
-        guide: samples of a short curve, blocks of a long one.
-        runs: for each segment the chord of the straight run that it belongs to; None if there are few segments.
-    """
-
-    curve: BezierSegments
-    skip: Array
-    guide: _NearSamples | Blocks
+    curve: BezierSegments  # the curve
+    skip: Array  # mask of the segments that repeat their predecessor
+    guide: _NearSamples | Blocks  # samples of a short curve, blocks of a long one
+    # For each segment the chord of the straight run that it belongs to; None if there are few segments.
     runs: Chords | None
 
     def starts(self, points: Array) -> CurvePlace:

@@ -35,42 +35,26 @@ _FEW = 32
 
 
 class ProvenFeet(NamedTuple):
-    """Nearest points of a shape, in the user's coordinates.
+    """Nearest points of a shape, in the user's coordinates."""
 
-    Args:
-        distance: distance to the foot; infinite if there is none.
-        lower: proven lower bound of the distance to the whole shape.
-        upper: proven upper bound; infinite if no point of the shape is proven.
-        foot: a point of the shape.
-        segment: the part of the shape that holds it, as `element` of a Projection.
-        t: its parameters there, as in Projection.
-        closed: whether the bounds meet the tolerance.
-    """
-
-    distance: Float[np.ndarray, " points"]
-    lower: Float[np.ndarray, " points"]
-    upper: Float[np.ndarray, " points"]
-    foot: Float[np.ndarray, "points dim"]
-    segment: Int[np.ndarray, " points"]
-    t: Float[np.ndarray, "points ..."]
-    closed: Bool[np.ndarray, " points"]
+    distance: Float[np.ndarray, " points"]  # distance to the foot; infinite if there is none
+    lower: Float[np.ndarray, " points"]  # proven lower bound of the distance to the whole shape
+    upper: Float[np.ndarray, " points"]  # proven upper bound; infinite if no point of the shape is proven
+    foot: Float[np.ndarray, "points dim"]  # a point of the shape
+    segment: Int[np.ndarray, " points"]  # the part of the shape that holds it, as `element` of a Projection
+    t: Float[np.ndarray, "points ..."]  # its parameters there, as in Projection
+    closed: Bool[np.ndarray, " points"]  # whether the bounds meet the tolerance
 
     take = taken
 
 
 class FootRows(NamedTuple):
-    """Points of a shape, any number of them for each of some cells.
+    """Points of a shape, any number of them for each of some cells."""
 
-    Args:
-        point: the points.
-        error: the shape has a point within this distance; infinite if none is proven.
-        segment: the part of the shape that holds each, as `element` of a Projection.
-        t: its parameters there, one column each; no columns for implicit surfaces.
-    """
-
-    point: Float[np.ndarray, "*cells feet dim"]
-    error: Float[np.ndarray, "*cells feet"]
-    segment: Int[np.ndarray, "*cells feet"]
+    point: Float[np.ndarray, "*cells feet dim"]  # the points
+    error: Float[np.ndarray, "*cells feet"]  # the shape has a point within this distance; infinite if none is proven
+    segment: Int[np.ndarray, "*cells feet"]  # the part of the shape that holds each, as `element` of a Projection
+    # Its parameters there, one column each; no columns for implicit surfaces.
     t: Float[np.ndarray, "*cells feet parameters"]
 
     take = taken
@@ -81,33 +65,20 @@ class FootRows(NamedTuple):
 
 
 class Flats(NamedTuple):
-    """Flat pieces: all points origin + s first + t second have a point of the shape within `sag` of them.
+    """Flat pieces: all points origin + s first + t second have a point of the shape within `sag` of them."""
 
-    Args:
-        origin: of each piece, (cells, flats, 3).
-        first: along s in [0, 1].
-        second: along t in [0, 1]; for triangles s + t is at most one.
-        sag: distance to the shape; infinite if nothing is proven.
-    """
-
-    origin: Any
-    first: Any
-    second: Any
-    sag: Any
+    origin: Any  # of each piece, (cells, flats, 3)
+    first: Any  # along s in [0, 1]
+    second: Any  # along t in [0, 1]; for triangles s + t is at most one
+    sag: Any  # distance to the shape; infinite if nothing is proven
 
 
 class ConvexPieces(NamedTuple):
-    """All convex pieces of a shape near points, any number for each point; points with too many pieces have none.
+    """All convex pieces of a shape near points, any number for each point; points with too many pieces have none."""
 
-    Args:
-        who: the point that each belongs to.
-        corners: corners of the convex pieces, (pairs, corners, 3).
-        foot: approximate nearest point of each piece.
-    """
-
-    who: Int[np.ndarray, " pairs"]
-    corners: Float[np.ndarray, "pairs corners 3"]
-    foot: Float[np.ndarray, "pairs 3"]
+    who: Int[np.ndarray, " pairs"]  # the point that each belongs to
+    corners: Float[np.ndarray, "pairs corners 3"]  # corners of the convex pieces, (pairs, corners, 3)
+    foot: Float[np.ndarray, "pairs 3"]  # approximate nearest point of each piece
 
 
 class AbstractTarget(ABC):

@@ -20,21 +20,14 @@ Run = Callable[[Any, Any, Aim], tuple[HausdorffSolution, Any]]
 
 
 class TracedSearch(NamedTuple):
-    """A traced search for both directions, with its arguments.
+    """A traced search for both directions, with its arguments."""
 
-    Args:
-        both: `scanned` with a function for one direction, as a function of a module.
-        common: arguments that both directions share.
-        there: arguments for the direction from a to b.
-        back: arguments for the direction from b to a, arrays of the same shapes.
-        answers: shapes and types of the answers for both; None for a search that is always traced.
-    """
-
+    # `scanned` with a function for one direction, as a function of a module.
     both: Callable[[Any, Any, Aim, Array], tuple[HausdorffSolution, Any]]
-    common: Any
-    there: Any
-    back: Any
-    answers: Any
+    common: Any  # arguments that both directions share
+    there: Any  # arguments for the direction from a to b
+    back: Any  # arguments for the direction from b to a, arrays of the same shapes
+    answers: Any  # shapes and types of the answers for both; None for a search that is always traced.
 
 
 def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[Any, Any]:

@@ -22,18 +22,12 @@ from jhd._runtime.compiled import compiled
 
 
 class TouchedRows(NamedTuple):
-    """Some rows of an array of a shape.
+    """Some rows of an array of a shape."""
 
-    Args:
-        array: numbers that may be differentiated.
-        index: indices of the rows that count, an array of any shape; None for the whole array. A negative index stands
-            for 0.
-        table: if given, the index refers to rows of this table, which holds the rows of the array.
-    """
-
-    array: Any
+    array: Any  # numbers that may be differentiated
+    # Indices of the rows that count, an array of any shape; None for the whole array. A negative index stands for 0.
     index: Any = None
-    table: Any = None
+    table: Any = None  # if given, the index refers to rows of this table, which holds the rows of the array
 
     def places(self) -> Any:
         """Return the indices of the rows that count; None for all."""
@@ -45,15 +39,10 @@ class TouchedRows(NamedTuple):
 
 
 class MovingNumbers(NamedTuple):
-    """Numbers as functions of the shapes, and which of them have derivatives.
+    """Numbers as functions of the shapes, and which of them have derivatives."""
 
-    Args:
-        numbers: a pytree of arrays, in the structure of the numbers found.
-        where: a prefix of the same pytree; elsewhere the derivatives are zero.
-    """
-
-    numbers: Any
-    where: Any
+    numbers: Any  # a pytree of arrays, in the structure of the numbers found
+    where: Any  # a prefix of the same pytree; elsewhere the derivatives are zero
 
 
 Function = Callable[[Any, Any], MovingNumbers]

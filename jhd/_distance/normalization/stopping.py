@@ -37,19 +37,12 @@ class Wanted(NamedTuple):
 
 
 class AllowedGap(NamedTuple):
-    """Largest gap between the bounds at which a search may stop, in the unit of the search.
+    """Largest gap between the bounds at which a search may stop, in the unit of the search."""
 
-    Args:
-        atol: absolute tolerance, as requested or by default.
-        rtol: tolerance relative to the bound.
-        floor: gap that rounding leaves at a bound.
-        given: whether atol was requested: a larger gap then counts as not closed, even if rounding causes it.
-    """
-
-    atol: float
-    rtol: float
-    floor: Callable[[float], float]
-    given: bool
+    atol: float  # absolute tolerance, as requested or by default
+    rtol: float  # tolerance relative to the bound
+    floor: Callable[[float], float]  # gap that rounding leaves at a bound
+    given: bool  # whether atol was requested: a larger gap then counts as not closed, even if rounding causes it
 
     def __call__(self, bound: float) -> float:
         """Return the gap at which searches stop."""

@@ -21,32 +21,20 @@ _TRIED = 3
 
 
 class Arcs(NamedTuple):
-    """Arcs for distances, in common coordinates.
+    """Arcs for distances, in common coordinates."""
 
-    Args:
-        start: start of each arc.
-        end: end of each arc.
-        apex: intersection of the tangents at both ends; the arc lies in the triangle of the three points.
-        center: center of its circle.
-        radius: radius of its circle; 0 for points, whose center is the point.
-        bulge: tan(sweep / 4), positive to the left; 0 for points only.
-        deviation: largest distance of any point of the curve piece from the arc, and (except for `chords`) of any point
-            of the arc from the curve.
-        segment: the segment of the curve.
-        t0: parameter at the start of the piece.
-        t1: parameter at the end of the piece.
-    """
-
-    start: np.ndarray
-    end: np.ndarray
-    apex: np.ndarray
-    center: np.ndarray
-    radius: np.ndarray
-    bulge: np.ndarray
+    start: np.ndarray  # start of each arc
+    end: np.ndarray  # end of each arc
+    apex: np.ndarray  # intersection of the tangents at both ends; the arc lies in the triangle of the three points
+    center: np.ndarray  # center of its circle
+    radius: np.ndarray  # radius of its circle; 0 for points, whose center is the point
+    bulge: np.ndarray  # tan(sweep / 4), positive to the left; 0 for points only
+    # Largest distance of any point of the curve piece from the arc, and (except for `chords`) of any point of the arc
+    # from the curve.
     deviation: np.ndarray
-    segment: np.ndarray
-    t0: np.ndarray
-    t1: np.ndarray
+    segment: np.ndarray  # the segment of the curve
+    t0: np.ndarray  # parameter at the start of the piece
+    t1: np.ndarray  # parameter at the end of the piece
 
     @property
     def turn(self) -> np.ndarray:

@@ -31,19 +31,12 @@ _CHUNK = 32
 
 
 class PublishedCandidates(NamedTuple):
-    """Candidates for the maximum by the published rules, with the distances that they give; -inf for invalid ones.
+    """Candidates for the maximum by the published rules, with the distances that they give; -inf for invalid ones."""
 
-    Args:
-        place: points on a.
-        distance: to the foot, in the common coordinates.
-        samples: number of samples.
-        peaks: number of samples that were "small-large-small".
-    """
-
-    place: CurvePlace
-    distance: Array
-    samples: Array
-    peaks: Array
+    place: CurvePlace  # points on a
+    distance: Array  # to the foot, in the common coordinates
+    samples: Array  # number of samples
+    peaks: Array  # number of samples that were "small-large-small"
 
 
 class _NearestTwo(NamedTuple):

@@ -31,19 +31,12 @@ from jhd._shapes.biarc import BiarcCurve
 
 
 class PrintedTrimming(NamedTuple):
-    """The parts of both curves that remain.
+    """The parts of both curves that remain."""
 
-    Args:
-        pieces: parts of a.
-        feet: parts of b, for each piece all remaining ones, and all ends of b.
-        lower: the lower bound LB, in common coordinates.
-        kept_of_b: the total length of the parameter intervals of b that remain.
-    """
-
-    pieces: EventPieces
-    feet: SurvivingFeet
-    lower: float
-    kept_of_b: float
+    pieces: EventPieces  # parts of a
+    feet: SurvivingFeet  # parts of b, for each piece all remaining ones, and all ends of b
+    lower: float  # the lower bound LB, in common coordinates
+    kept_of_b: float  # the total length of the parameter intervals of b that remain
 
 
 def printed_trimming(pair: HostPair, d: Arcs, c: Arcs, level: float, pixels: int) -> PrintedTrimming:

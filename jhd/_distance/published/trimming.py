@@ -216,19 +216,12 @@ def both_arcs(pair: HostPair, deviation: float) -> tuple[Arcs, Arcs]:
 
 
 class Trimmed(NamedTuple):
-    """The parts of a that remain.
+    """The parts of a that remain."""
 
-    Args:
-        pieces: the remaining parts.
-        feet: the parts of b that may hold their feet.
-        upper: bound of the distances of all segments of a that are no points, in common coordinates.
-        best: the farthest measured point, if any.
-    """
-
-    pieces: EventPieces
-    feet: SurvivingFeet
-    upper: float
-    best: Measured | None
+    pieces: EventPieces  # the remaining parts
+    feet: SurvivingFeet  # the parts of b that may hold their feet
+    upper: float  # bound of the distances of all segments of a that are no points, in common coordinates
+    best: Measured | None  # the farthest measured point, if any
 
 
 def upper_bound(pair: HostPair, left: Trimmed) -> float:

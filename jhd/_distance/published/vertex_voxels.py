@@ -38,17 +38,12 @@ _TOGETHER = 1 << 11
 
 
 class GridOptions(NamedTuple):
-    """Options of the grid; see VertexVoxels.
+    """Options of the grid; see VertexVoxels."""
 
-    Args:
-        resolution: voxels along each side of the cube; None for the least power of two with one vertex a voxel.
-        capacity: most voxels of a grid.
-        transform: the method of `distance_transform`.
-    """
-
+    # Voxels along each side of the cube; None for the least power of two with one vertex a voxel.
     resolution: int | None
-    capacity: int
-    transform: str
+    capacity: int  # most voxels of a grid
+    transform: str  # the method of `distance_transform`
 
     def __call__(self, mesh: TriangleMesh) -> "VertexGrid":
         """Return the grid of a mesh, when a prepared mesh needs it."""
@@ -56,22 +51,14 @@ class GridOptions(NamedTuple):
 
 
 class VertexGrid(NamedTuple):
-    """Voxels of the cube around a mesh, each with the nearest one that holds a vertex.
+    """Voxels of the cube around a mesh, each with the nearest one that holds a vertex."""
 
-    Args:
-        lower: lower corner of the cube, in the unit of the mesh's tree.
-        side: side of the cube.
-        nearest: a nearest feature of each voxel.
-        features: the voxels that hold vertices.
-        starts: start of each feature's triangles, and the end of the last.
-        triangles: the triangles around the vertices in each feature, as sorted in the mesh's tree.
-    """
-
-    lower: Float[np.ndarray, "3"]
-    side: float
-    nearest: Int[np.ndarray, "voxels voxels voxels"]
-    features: Int[np.ndarray, "features 3"]
-    starts: Int[np.ndarray, " ends"]
+    lower: Float[np.ndarray, "3"]  # lower corner of the cube, in the unit of the mesh's tree
+    side: float  # side of the cube
+    nearest: Int[np.ndarray, "voxels voxels voxels"]  # a nearest feature of each voxel
+    features: Int[np.ndarray, "features 3"]  # the voxels that hold vertices
+    starts: Int[np.ndarray, " ends"]  # start of each feature's triangles, and the end of the last
+    # The triangles around the vertices in each feature, as sorted in the mesh's tree.
     triangles: Int[np.ndarray, " entries"]
 
 
@@ -115,21 +102,13 @@ def resolution_of(mesh: TriangleMesh, options: GridOptions) -> int:
 
 
 class _Cube(NamedTuple):
-    """The cube around a mesh, in the unit of its tree.
+    """The cube around a mesh, in the unit of its tree."""
 
-    Args:
-        lower: its lower corner.
-        side: its side, one for a mesh in a single point.
-        shares: the vertices of the triangles, as fractions of the side.
-        corners: the triangles as indices of these vertices.
-        count: number of distinct vertices.
-    """
-
-    lower: Float[np.ndarray, "3"]
-    side: float
-    shares: Float[np.ndarray, "vertices 3"]
-    corners: Int[np.ndarray, "triangles 3"]
-    count: int
+    lower: Float[np.ndarray, "3"]  # its lower corner
+    side: float  # its side, one for a mesh in a single point
+    shares: Float[np.ndarray, "vertices 3"]  # the vertices of the triangles, as fractions of the side
+    corners: Int[np.ndarray, "triangles 3"]  # the triangles as indices of these vertices
+    count: int  # number of distinct vertices
 
 
 def _cube(mesh: TriangleMesh, exponent: int) -> _Cube:

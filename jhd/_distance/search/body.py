@@ -41,19 +41,12 @@ from jhd._shapes.prepared import prepared
 
 
 class Together(NamedTuple):
-    """Two shapes in common coordinates.
+    """Two shapes in common coordinates."""
 
-    Args:
-        a: the first shape.
-        b: the second shape.
-        frame: leads back to the user's coordinates.
-        moved: bound on the error of the coordinates of both.
-    """
-
-    a: Any
-    b: Any
-    frame: Frame
-    moved: float
+    a: Any  # the first shape
+    b: Any  # the second shape
+    frame: Frame  # leads back to the user's coordinates
+    moved: float  # bound on the error of the coordinates of both
 
 
 Followed = tuple[About, FollowedFeet | None, FollowedGraphs | FollowedOnSurface | None]

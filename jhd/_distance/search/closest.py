@@ -79,23 +79,14 @@ class ClosestState(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """Bounds and best pair that a search has reached, and the number of waiting pairs.
+    """Bounds and best pair that a search has reached, and the number of waiting pairs."""
 
-    Args:
-        best: the nearest pair of points found.
-        lower: the proven lower bound.
-        waiting: the number of pairs that are still open.
-        lost: whether a pair was left out because it did not fit into the table.
-        steps: steps taken.
-        pairs: pairs bounded.
-    """
-
-    best: BestPair
-    lower: Array
-    waiting: Array
-    lost: Array
-    steps: Array
-    pairs: Array
+    best: BestPair  # the nearest pair of points found
+    lower: Array  # the proven lower bound
+    waiting: Array  # the number of pairs that are still open
+    lost: Array  # whether a pair was left out because it did not fit into the table
+    steps: Array  # steps taken
+    pairs: Array  # pairs bounded
 
 
 class Outcome(NamedTuple):

@@ -42,17 +42,11 @@ COUNTS = "steps", "cells"
 
 
 class DistanceCells(NamedTuple):
-    """Cells of a with their measures and distances, in common coordinates.
+    """Cells of a with their measures and distances, in common coordinates."""
 
-    Args:
-        cells: the cells.
-        flat: flat pieces close to them, with their measures.
-        over: bounds of the distance.
-    """
-
-    cells: CellRows
-    flat: FlatCells
-    over: OverCells
+    cells: CellRows  # the cells
+    flat: FlatCells  # flat pieces close to them, with their measures
+    over: OverCells  # bounds of the distance
 
     @property
     def weights(self) -> Weights:
@@ -68,23 +62,14 @@ class DistanceCells(NamedTuple):
 
 
 class Distribution(NamedTuple):
-    """Bounds of the distribution of the distance along a, in common coordinates.
+    """Bounds of the distribution of the distance along a, in common coordinates."""
 
-    Args:
-        lower: lower bound of the mean.
-        upper: upper bound of the mean.
-        rms: bounds of the root mean square.
-        result: a member of RESULTS.
-        cells: cells that cover all of a.
-        steps: steps taken.
-    """
-
-    lower: float
-    upper: float
-    rms: tuple[float, float]
-    result: Any
-    cells: DistanceCells
-    steps: int
+    lower: float  # lower bound of the mean
+    upper: float  # upper bound of the mean
+    rms: tuple[float, float]  # bounds of the root mean square
+    result: Any  # a member of RESULTS
+    cells: DistanceCells  # cells that cover all of a
+    steps: int  # steps taken
 
 
 class _DistributionState(NamedTuple):

@@ -59,18 +59,12 @@ _PARTS_OF_SEGMENT = np.array([[0, 2], [2, 1]])
 
 
 class Simplices(NamedTuple):
-    """Segments or triangles of parameters: the piece, its corners, and the corners of the part that counts.
+    """Segments or triangles of parameters: the piece, its corners, and the corners of the part that counts."""
 
-    Args:
-        piece: index of the piece of a.
-        corners: parameters of the corners (cells, corners, parameters of a).
-        shares: rows of non-negative numbers whose sum is one, (cells, corners, corners); see the module.
-        points: approximate points of a at the corners of the part and, last, in its middle, (cells, corners + 1, 3).
-    """
-
-    piece: np.ndarray
-    corners: np.ndarray
-    shares: np.ndarray
+    piece: np.ndarray  # index of the piece of a
+    corners: np.ndarray  # parameters of the corners (cells, corners, parameters of a)
+    shares: np.ndarray  # rows of non-negative numbers whose sum is one, (cells, corners, corners); see the module
+    # Approximate points of a at the corners of the part and, last, in its middle, (cells, corners + 1, 3).
     points: np.ndarray
 
     take = taken

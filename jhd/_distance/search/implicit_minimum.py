@@ -377,17 +377,11 @@ def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> Bes
 
 
 class _IsolatedPairs(NamedTuple):
-    """A pair of surfaces without their isolated points, and the distances of these points.
+    """A pair of surfaces without their isolated points, and the distances of these points."""
 
-    Args:
-        problem: the pair without these points.
-        lower: a lower bound of their distances from the other surface; infinite if there are no such points.
-        best: the nearest of these points with its foot, or None.
-    """
-
-    problem: WithSurface
-    lower: float
-    best: BestPair | None
+    problem: WithSurface  # the pair without these points
+    lower: float  # a lower bound of their distances from the other surface; infinite if there are no such points
+    best: BestPair | None  # the nearest of these points with its foot, or None
 
     def told(self, table: ClosestState) -> ClosestState:
         """Return a table that begins with the known bound and pair."""

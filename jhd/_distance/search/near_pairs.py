@@ -38,19 +38,12 @@ _SLACK = 1e4
 
 
 class NearPairs(NamedTuple):
-    """Pairs of cells of a surface and pieces, sorted by a lower bound of their distance.
+    """Pairs of cells of a surface and pieces, sorted by a lower bound of their distance."""
 
-    Args:
-        lower: proven lower bounds.
-        low: lower corners of the cells, (pairs, 3).
-        high: upper corners of the cells.
-        piece: the piece of each pair.
-    """
-
-    lower: Any
-    low: Any
-    high: Any
-    piece: Any
+    lower: Any  # proven lower bounds
+    low: Any  # lower corners of the cells, (pairs, 3)
+    high: Any  # upper corners of the cells
+    piece: Any  # the piece of each pair
 
     def part(self, start: int, count: int) -> "NearPairs":
         """Return `count` pairs from `start` on, padded with copies of the last pair with an infinite bound."""

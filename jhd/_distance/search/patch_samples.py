@@ -45,17 +45,11 @@ def _places(points: np.ndarray) -> np.ndarray:
 
 
 class StartsOfFeet(NamedTuple):
-    """Samples from which feet are searched.
+    """Samples from which feet are searched."""
 
-    Args:
-        rows: the numbers of the samples from which feet are searched.
-        beside: for each of all samples the numbers of equal samples, or -1.
-        poles: (poles, most) the numbers of the samples of all pieces at each pole, -1 after the last one.
-    """
-
-    rows: np.ndarray
-    beside: np.ndarray
-    poles: np.ndarray
+    rows: np.ndarray  # the numbers of the samples from which feet are searched
+    beside: np.ndarray  # for each of all samples the numbers of equal samples, or -1
+    poles: np.ndarray  # (poles, most) the numbers of the samples of all pieces at each pole, -1 after the last one
 
 
 def starts_among(samples: np.ndarray) -> StartsOfFeet:

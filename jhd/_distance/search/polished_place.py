@@ -46,17 +46,12 @@ class _Followed(NamedTuple):
 
 
 class PlaceOnPiece(NamedTuple):
-    """A point on a piece of a parametric shape or a mesh.
+    """A point on a piece of a parametric shape or a mesh."""
 
-    Args:
-        shapes: the shape of the point, a net or triangles, and the target: also an implicit surface; None for points.
-        piece: index of the piece.
-        x: its parameters; for triangles the last two barycentric coordinates.
-    """
-
+    # The shape of the point, a net or triangles, and the target: also an implicit surface; None for points.
     shapes: Any
-    piece: int
-    x: np.ndarray
+    piece: int  # index of the piece
+    x: np.ndarray  # its parameters; for triangles the last two barycentric coordinates
 
     def moved(self, feet: FootRows) -> FootRows:
         """Return feet, each moved along its piece until it is nearest to the point."""

@@ -24,21 +24,13 @@ _TICK = 1e-9
 
 
 class Standing(NamedTuple):
-    """Progress of a search.
+    """Progress of a search."""
 
-    Args:
-        solution: the solution so far, in the coordinates of the search: a HausdorffSolution or a MinimumSolution.
-        going_on: whether more steps would improve the requested bounds.
-        full: whether it stopped because its table is full; then `longer` helps.
-        steps: steps taken in all.
-        waiting: cells, or pairs of cells, that are still open.
-    """
-
-    solution: Any
-    going_on: bool
-    full: bool
-    steps: int
-    waiting: int
+    solution: Any  # the solution so far, in the coordinates of the search: a HausdorffSolution or a MinimumSolution
+    going_on: bool  # whether more steps would improve the requested bounds
+    full: bool  # whether it stopped because its table is full; then `longer` helps
+    steps: int  # steps taken in all
+    waiting: int  # cells, or pairs of cells, that are still open
 
 
 class AbstractSearch(ABC):

@@ -96,17 +96,11 @@ def with_some_point(known: Target) -> tuple[Target, Bool[Array, ""]]:
 
 
 class CoveredPair(NamedTuple):
-    """Two surfaces of a directed distance, and whether one of them is proven to have no point.
+    """Two surfaces of a directed distance, and whether one of them is proven to have no point."""
 
-    Args:
-        a: the surface whose farthest point is searched.
-        b: the surface that distances are taken to.
-        empty: whether one surface is proven to have no point, so that there is no distance.
-    """
-
-    a: Target
-    b: Target
-    empty: Array
+    a: Target  # the surface whose farthest point is searched
+    b: Target  # the surface that distances are taken to
+    empty: Array  # whether one surface is proven to have no point, so that there is no distance
 
 
 def in_one_go(pair: CoveredPair, wanted: Wanted, capacity: int, max_steps: int, direction: Any) -> HausdorffSolution:

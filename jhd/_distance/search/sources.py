@@ -54,16 +54,12 @@ class CellRows(NamedTuple):
 
 
 class PlacesOfCells(NamedTuple):
-    """Points close to a source, the first of them in the middle of each cell, and their proven errors.
+    """Points close to a source, the first of them in the middle of each cell, and their proven errors."""
 
-    Args:
-        points: some for each cell.
-        radius: length within which the source is proven to have a point; infinite if there may be none.
-        parameters: parameters of the points; for an implicit surface, the points themselves.
-    """
-
-    points: Float[np.ndarray, "cells places 3"]
+    points: Float[np.ndarray, "cells places 3"]  # some for each cell
+    # Length within which the source is proven to have a point; infinite if there may be none.
     radius: Float[np.ndarray, "cells places"]
+    # Parameters of the points; for an implicit surface, the points themselves.
     parameters: Float[np.ndarray, "cells places parameters"]
 
 

@@ -39,21 +39,13 @@ _PARTED = 1 << 14
 
 
 class MeshBoxes(NamedTuple):
-    """A mesh prepared for searches, its coordinates divided by 2^exponent, which leaves at most one.
+    """A mesh prepared for searches, its coordinates divided by 2^exponent, which leaves at most one."""
 
-    Args:
-        corners: of the triangles as sorted.
-        boxes: boxes of the nodes, as in BoxTree.
-        levels: levels of the tree, as in BoxTree.
-        order: the number in the mesh of each sorted triangle.
-        exponent: the power of two.
-    """
-
-    corners: Float[np.ndarray, "triangles corners 3"]
-    boxes: Float[np.ndarray, "nodes 6 8"]
-    levels: tuple[Level, ...]
-    order: Int[np.ndarray, " triangles"]
-    exponent: int
+    corners: Float[np.ndarray, "triangles corners 3"]  # of the triangles as sorted
+    boxes: Float[np.ndarray, "nodes 6 8"]  # boxes of the nodes, as in BoxTree
+    levels: tuple[Level, ...]  # levels of the tree, as in BoxTree
+    order: Int[np.ndarray, " triangles"]  # the number in the mesh of each sorted triangle
+    exponent: int  # the power of two
 
 
 def mesh_boxes(mesh: TriangleMesh) -> MeshBoxes:
@@ -111,19 +103,12 @@ class Pairs(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """A pair of triangles that rational arithmetic has measured, and bounds of its distance.
+    """A pair of triangles that rational arithmetic has measured, and bounds of its distance."""
 
-    Args:
-        triangles: their numbers in the meshes.
-        nearest: nearest points, in the unit of the meshes.
-        lower: proven lower bound in the common unit.
-        upper: proven upper bound in that unit.
-    """
-
-    triangles: tuple[int, int]
-    nearest: NearestPair
-    lower: float
-    upper: float
+    triangles: tuple[int, int]  # their numbers in the meshes
+    nearest: NearestPair  # nearest points, in the unit of the meshes
+    lower: float  # proven lower bound in the common unit
+    upper: float  # proven upper bound in that unit
 
     @property
     def weights(self) -> tuple[tuple[Fraction, ...], ...]:

@@ -53,27 +53,16 @@ _FLATTER = 0.125
 
 
 class FollowedPairs(NamedTuple):
-    """The waiting pairs of cells, as NumPy arrays, with the best pair and counts; see ClosestState.
+    """The waiting pairs of cells, as NumPy arrays, with the best pair and counts; see ClosestState."""
 
-    Args:
-        kind: the shape on which feet move.
-        lower: the lower bounds of the pairs.
-        cell: the pairs.
-        axis: the parameter along which each is cut.
-        best: the nearest pair of points found.
-        settled: the least lower bound of the pairs that are closed.
-        steps: steps taken, of as many pairs as the first kind cuts in one.
-        pairs: pairs bounded.
-    """
-
-    kind: type[WithMovingFeet]
-    lower: np.ndarray
-    cell: Cell
-    axis: np.ndarray
-    best: BestPair
-    settled: Any
-    steps: int
-    pairs: int
+    kind: type[WithMovingFeet]  # the shape on which feet move
+    lower: np.ndarray  # the lower bounds of the pairs
+    cell: Cell  # the pairs
+    axis: np.ndarray  # the parameter along which each is cut
+    best: BestPair  # the nearest pair of points found
+    settled: Any  # the least lower bound of the pairs that are closed
+    steps: int  # steps taken, of as many pairs as the first kind cuts in one
+    pairs: int  # pairs bounded
 
     def reached(self) -> Reached:
         """Return the bounds and the best pair so far."""

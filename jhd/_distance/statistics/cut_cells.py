@@ -96,19 +96,12 @@ class Looked:
 
 
 class CutLines(NamedTuple):
-    """Lines with factors, their cuts, and the kind of curves that they meet.
+    """Lines with factors, their cuts, and the kind of curves that they meet."""
 
-    Args:
-        lines: lines across cells.
-        factor: factors of the rule in the other parameter.
-        cuts: (lines, cuts) in order; NaN behind the last.
-        kind: a number that identifies the curves that a line meets.
-    """
-
-    lines: CellLines
-    factor: Float[np.ndarray, " lines"]
-    cuts: Float[np.ndarray, "lines cuts"]
-    kind: Int[np.ndarray, " lines"]
+    lines: CellLines  # lines across cells
+    factor: Float[np.ndarray, " lines"]  # factors of the rule in the other parameter
+    cuts: Float[np.ndarray, "lines cuts"]  # (lines, cuts) in order; NaN behind the last.
+    kind: Int[np.ndarray, " lines"]  # a number that identifies the curves that a line meets
 
     @property
     def edges(self) -> np.ndarray:

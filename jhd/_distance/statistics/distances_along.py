@@ -23,17 +23,11 @@ _MARGIN = 2**24
 
 
 class Along(NamedTuple):
-    """Distances to `b` at points along `a`.
+    """Distances to `b` at points along `a`."""
 
-    Args:
-        distance: the distances, differentiable in both shapes.
-        weight: the weight of each point, differentiable in `a`.
-        off: bound of the relative error of derivatives of sums.
-    """
-
-    distance: Array
-    weight: Array
-    off: float
+    distance: Array  # the distances, differentiable in both shapes
+    weight: Array  # the weight of each point, differentiable in `a`
+    off: float  # bound of the relative error of derivatives of sums
 
 
 def distances_along(a: Any, b: Any, weights: Any, nodes: int | None) -> tuple[float, Along]:

@@ -20,15 +20,10 @@ _ROUNDINGS = 1e4
 
 
 class Estimated(NamedTuple):
-    """A value, differentiable.
+    """A value, differentiable."""
 
-    Args:
-        value: the number.
-        off: bound of the relative error of its derivative; infinite if unknown.
-    """
-
-    value: Array
-    off: float
+    value: Array  # the number
+    off: float  # bound of the relative error of its derivative; infinite if unknown
 
     @property
     def is_confirmed(self) -> bool:

@@ -22,19 +22,12 @@ _SHARP, _CORNER_HALVINGS = 2, 28
 
 
 class LevelRule(NamedTuple):
-    """A rule over cells.
+    """A rule over cells."""
 
-    Args:
-        below: nodes below the level.
-        on: points where lines cross the level, with factors of the other parameter alone.
-        axis: axes of the lines through these points.
-        settled: whether all lines of each part of a cell cross the same levels.
-    """
-
-    below: CellNodes
-    on: CellNodes
-    axis: Int[np.ndarray, " places"]
-    settled: Bool[np.ndarray, " cells"]
+    below: CellNodes  # nodes below the level
+    on: CellNodes  # points where lines cross the level, with factors of the other parameter alone
+    axis: Int[np.ndarray, " places"]  # axes of the lines through these points
+    settled: Bool[np.ndarray, " cells"]  # whether all lines of each part of a cell cross the same levels
 
 
 def cut_at_level(cells: ParameterCells, looked: Looked, across: np.ndarray, level: float, step: int) -> LevelRule:

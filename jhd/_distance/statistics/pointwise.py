@@ -40,20 +40,13 @@ _NO_PART = -2
 
 
 class Seen(NamedTuple):
-    """Data at points: distances, unit vectors away from the feet, slopes along the parameters, density.
+    """Data at points: distances, unit vectors away from the feet, slopes along the parameters, density."""
 
-    Args:
-        distance: distance to the nearest foot, or to a nearly nearest one.
-        normal: (places, dim); zero at distance zero.
-        slope: (places, parameters).
-        density: length or area per parameter.
-        label: number of the smooth part of the shape that holds the foot; a negative number at distance zero.
-    """
-
-    distance: Float[np.ndarray, " places"]
-    normal: Float[np.ndarray, "places dim"]
-    slope: Float[np.ndarray, "places parameters"]
-    density: Float[np.ndarray, " places"]
+    distance: Float[np.ndarray, " places"]  # distance to the nearest foot, or to a nearly nearest one
+    normal: Float[np.ndarray, "places dim"]  # (places, dim); zero at distance zero
+    slope: Float[np.ndarray, "places parameters"]  # (places, parameters)
+    density: Float[np.ndarray, " places"]  # length or area per parameter
+    # Number of the smooth part of the shape that holds the foot; a negative number at distance zero.
     label: Int[np.ndarray, " places"]
 
 

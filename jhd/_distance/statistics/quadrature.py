@@ -53,17 +53,11 @@ class ParameterCells(NamedTuple):
 
 
 class Resolved(NamedTuple):
-    """Cells over which rules agree with the rules over their parts.
+    """Cells over which rules agree with the rules over their parts."""
 
-    Args:
-        cells: cells of the parameters.
-        count: nodes of the rule along each parameter.
-        left: fraction of the length or area in cells without agreement: feet may jump there.
-    """
-
-    cells: ParameterCells
-    count: int
-    left: float
+    cells: ParameterCells  # cells of the parameters
+    count: int  # nodes of the rule along each parameter
+    left: float  # fraction of the length or area in cells without agreement: feet may jump there
 
 
 class Nodes(NamedTuple):

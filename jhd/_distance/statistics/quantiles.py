@@ -62,21 +62,13 @@ class _MeasuredCells(NamedTuple):
 
 
 class _Below(NamedTuple):
-    """The part of a shape below a level.
+    """The part of a shape below a level."""
 
-    Args:
-        size: its length or area.
-        slope: derivative of the size in the level.
-        inside: nodes over the whole part below.
-        met: points on the level, with their factors.
-        off: relative difference that remains between rules over cells and over their parts.
-    """
-
-    size: float
-    slope: float
-    inside: list[Nodes]
-    met: list[Nodes]
-    off: float
+    size: float  # its length or area
+    slope: float  # derivative of the size in the level
+    inside: list[Nodes]  # nodes over the whole part below
+    met: list[Nodes]  # points on the level, with their factors
+    off: float  # relative difference that remains between rules over cells and over their parts
 
 
 def quantile_over(net: Net, sight: Sight, b: Any, q: float, steps: int | None = None) -> Estimated | None:
@@ -168,20 +160,14 @@ def _looked_at(cells: ParameterCells, looked: Looked) -> _MeasuredCells:
 
 
 class _LevelCells(NamedTuple):
-    """Rules over cells that a level may cut.
+    """Rules over cells that a level may cut."""
 
-    Args:
-        values: for each cell, its length or area below the level, the derivative of this in the level, and this times
-            the directions from the feet.
-        inside: nodes of the rule that lie below.
-        met: points at which lines cross the level.
-        settled: whether the integrand is smooth in each part of a cell.
-    """
-
+    # For each cell, its length or area below the level, the derivative of this in the level, and this times the
+    # directions from the feet.
     values: np.ndarray
-    inside: CellNodes
-    met: CellNodes
-    settled: np.ndarray
+    inside: CellNodes  # nodes of the rule that lie below
+    met: CellNodes  # points at which lines cross the level
+    settled: np.ndarray  # whether the integrand is smooth in each part of a cell
 
     def take(self, rows: np.ndarray) -> "_LevelCells":
         """Return the cells in a mask."""

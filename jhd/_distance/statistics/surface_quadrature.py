@@ -31,19 +31,12 @@ _ROUNDINGS = 64
 
 
 class _Rule(NamedTuple):
-    """Rules over cells.
+    """Rules over cells."""
 
-    Args:
-        places: all nodes.
-        values: integrals over each cell.
-        label: label of the feet, or _SEVERAL.
-        smooth: whether the integrand is smooth in each part of the cells.
-    """
-
-    places: CellNodes
-    values: np.ndarray
-    label: np.ndarray
-    smooth: np.ndarray
+    places: CellNodes  # all nodes
+    values: np.ndarray  # integrals over each cell
+    label: np.ndarray  # label of the feet, or _SEVERAL
+    smooth: np.ndarray  # whether the integrand is smooth in each part of the cells
 
     def of(self, cells: np.ndarray) -> "_Rule":
         return _Rule(self.places.of(cells), *(x[cells] for x in self[1:]))

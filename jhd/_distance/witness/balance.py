@@ -40,37 +40,22 @@ _STEPS = 2
 
 
 class _State(NamedTuple):
-    """All unknowns: coordinates of the farthest point and its feet, and the multipliers.
+    """All unknowns: coordinates of the farthest point and its feet, and the multipliers."""
 
-    Args:
-        x: coordinates (1 + feet, 3), the farthest point first: parameters, barycentric coordinates or position.
-        multipliers: the multipliers of the feet.
-        constraints: the multipliers of the constraints (1 + feet,).
-        half_sq: half the squared distance.
-    """
-
-    x: Array
-    multipliers: Array
-    constraints: Array
-    half_sq: Array
+    x: Array  # coordinates (1 + feet, 3), the farthest point first: parameters, barycentric coordinates or position
+    multipliers: Array  # the multipliers of the feet
+    constraints: Array  # the multipliers of the constraints (1 + feet,)
+    half_sq: Array  # half the squared distance
 
 
 class _Fixed(NamedTuple):
-    """Data that stay constant while the conditions are solved.
+    """Data that stay constant while the conditions are solved."""
 
-    Args:
-        held: mask of the coordinates (1 + feet, 3) that a border holds, or that a point does not have.
-        low: mask of the coordinates at the lower border.
-        at: initial coordinates.
-        used: mask of the feet that count.
-        along: mask of the feet whose normals give the directions.
-    """
-
-    held: Array
-    low: Array
-    at: Array
-    used: Array
-    along: Array
+    held: Array  # mask of the coordinates (1 + feet, 3) that a border holds, or that a point does not have
+    low: Array  # mask of the coordinates at the lower border
+    at: Array  # initial coordinates
+    used: Array  # mask of the feet that count
+    along: Array  # mask of the feet whose normals give the directions
 
 
 def _at_places(function: Callable[..., Any], x: Any, *rows: tuple[Any, Any]) -> Any:

@@ -69,19 +69,12 @@ class _Touched(NamedTuple):
 
 
 class WitnessState(NamedTuple):
-    """A witness as the solution of its active system, in common coordinates.
+    """A witness as the solution of its active system, in common coordinates."""
 
-    Args:
-        y: parameters of the witness and of both feet.
-        pulls: unit vectors from the feet to the witness, times the multipliers.
-        held: mask of the held parameters.
-        two: whether both feet count.
-    """
-
-    y: Array
-    pulls: Array
-    held: Array
-    two: Array
+    y: Array  # parameters of the witness and of both feet
+    pulls: Array  # unit vectors from the feet to the witness, times the multipliers
+    held: Array  # mask of the held parameters
+    two: Array  # whether both feet count
 
     @classmethod
     def like(cls, dtype: Any, dim: int, *batch: int) -> "WitnessState":

@@ -19,17 +19,11 @@ _INSIDE = 1e-4
 
 
 class Around(NamedTuple):
-    """The directions of a curve at a point: whether it is a free end or a corner, and unit vectors along the curve.
+    """The directions of a curve at a point: whether it is a free end or a corner, and unit vectors along the curve."""
 
-    Args:
-        end: the curve begins or ends there.
-        corner: a joint at which the tangent jumps.
-        into: (2, dim) unit vectors from the point along the curve; zero if missing or if the curve stands still.
-    """
-
-    end: Array
-    corner: Array
-    into: Array
+    end: Array  # the curve begins or ends there
+    corner: Array  # a joint at which the tangent jumps
+    into: Array  # (2, dim) unit vectors from the point along the curve; zero if missing or if the curve stands still
 
 
 def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:

@@ -70,31 +70,18 @@ def _foot_residual(stationarity: Array, s: Array, branch: Branch) -> Array:
 
 
 class Described(NamedTuple):
-    """A point of a with its local feet on b, before some of them are chosen.
+    """A point of a with its local feet on b, before some of them are chosen."""
 
-    Args:
-        at: segment and parameter of the point.
-        around: the directions in which a leaves it.
-        point: the point.
-        feet: local feet on b, (feet, dim).
-        segments: segments of the feet.
-        params: parameters of the feet.
-        held: whether a foot is held at an end or corner.
-        uncertainty: bound on the displacement of each foot by rounding.
-        distances: distances to the feet; inf if there is no foot.
-        slopes: slopes of the distances along the directions in which a leaves the point, (feet, 2).
-    """
-
-    at: CurvePlace
-    around: Around
-    point: Array
-    feet: Array
-    segments: Array
-    params: Array
-    held: Array
-    uncertainty: Array
-    distances: Array
-    slopes: Array
+    at: CurvePlace  # segment and parameter of the point
+    around: Around  # the directions in which a leaves it
+    point: Array  # the point
+    feet: Array  # local feet on b, (feet, dim)
+    segments: Array  # segments of the feet
+    params: Array  # parameters of the feet
+    held: Array  # whether a foot is held at an end or corner
+    uncertainty: Array  # bound on the displacement of each foot by rounding
+    distances: Array  # distances to the feet; inf if there is no foot
+    slopes: Array  # slopes of the distances along the directions in which a leaves the point, (feet, 2)
 
     @property
     def nearest(self) -> CurvePlace:

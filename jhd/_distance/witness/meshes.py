@@ -32,19 +32,12 @@ _NEEDLE = 1e-12
 
 
 class MeshFeet(NamedTuple):
-    """The active feet of a point, one row each, the first repeated with multiplier zero.
+    """The active feet of a point, one row each, the first repeated with multiplier zero."""
 
-    Args:
-        triangle: triangle of b, as sorted in the tree.
-        t: barycentric coordinates.
-        multipliers: weights in the derivative.
-        count: number of feet with positive multipliers.
-    """
-
-    triangle: np.ndarray
-    t: np.ndarray
-    multipliers: np.ndarray
-    count: int
+    triangle: np.ndarray  # triangle of b, as sorted in the tree
+    t: np.ndarray  # barycentric coordinates
+    multipliers: np.ndarray  # weights in the derivative
+    count: int  # number of feet with positive multipliers
 
 
 def active_feet(side: MeshSide, owner: int, weights: np.ndarray, nearest: int, gap: float) -> MeshFeet:

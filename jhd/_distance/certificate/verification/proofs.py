@@ -61,19 +61,12 @@ NAMES = {"directed": "h(A, B)", "two_sided": "H(A, B)", "minimum": "d(A, B)"}
 
 
 class Proven(NamedTuple):
-    """The bounds that a certificate proves: lower <= distance <= upper.
+    """The bounds that a certificate proves: lower <= distance <= upper."""
 
-    Args:
-        kind: "directed" (largest distance of a point of a to b), "two_sided" (Hausdorff distance) or "minimum".
-        lower: the proven lower bound.
-        upper: the proven upper bound; None if the certificate claims none.
-        cells: number of cells that were checked.
-    """
-
-    kind: str
-    lower: float
-    upper: float | None
-    cells: int
+    kind: str  # "directed" (largest distance of a point of a to b), "two_sided" (Hausdorff distance) or "minimum"
+    lower: float  # the proven lower bound
+    upper: float | None  # the proven upper bound; None if the certificate claims none.
+    cells: int  # number of cells that were checked
 
 
 class _Deadline:

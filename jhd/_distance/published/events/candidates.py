@@ -21,17 +21,11 @@ class Search(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Points of a, by segments of the solver: (candidates,) arrays.
+    """Points of a, by segments of the solver: (candidates,) arrays."""
 
-    Args:
-        segment: index of the segment.
-        t: parameter on the segment.
-        bound: upper bound of the distance, which is measured if the bound is large.
-    """
-
-    segment: np.ndarray
-    t: np.ndarray
-    bound: np.ndarray
+    segment: np.ndarray  # index of the segment
+    t: np.ndarray  # parameter on the segment
+    bound: np.ndarray  # upper bound of the distance, which is measured if the bound is large
 
 
 class Unresolved(NamedTuple):

@@ -26,21 +26,13 @@ def check_served(method: str, a: BezierSegments, b: BezierSegments) -> None:
 
 
 class HostSide(NamedTuple):
-    """One curve for the solver and for the proof of distances.
+    """One curve for the solver and for the proof of distances."""
 
-    Args:
-        curve: the curve for the solver.
-        index: for each of its segments and isolated points the stored segment, -1 for free ends and corners.
-        isolated: indices of its segments that are isolated points.
-        stored: the curve in common coordinates, polynomial.
-        skip: which stored segments repeat the one before.
-    """
-
-    curve: Curve
-    index: np.ndarray
-    isolated: np.ndarray
-    stored: BezierSegments
-    skip: np.ndarray
+    curve: Curve  # the curve for the solver
+    index: np.ndarray  # for each of its segments and isolated points the stored segment, -1 for free ends and corners
+    isolated: np.ndarray  # indices of its segments that are isolated points
+    stored: BezierSegments  # the curve in common coordinates, polynomial
+    skip: np.ndarray  # which stored segments repeat the one before
 
     @property
     def moving(self) -> np.ndarray:

@@ -70,19 +70,12 @@ def everywhere(b: Curve, count: int) -> SurvivingFeet:
 
 
 class Survivors(NamedTuple):
-    """Feet that are possible by the signs of h_r and by their distances.
+    """Feet that are possible by the signs of h_r and by their distances."""
 
-    Args:
-        feet: the possible feet.
-        lower: lower bounds of the distances.
-        upper: upper bounds of the distances.
-        single: whether h_rr has one sign, which excludes a second foot on the same part.
-    """
-
-    feet: SurvivingFeet
-    lower: np.ndarray
-    upper: np.ndarray
-    single: np.ndarray
+    feet: SurvivingFeet  # the possible feet
+    lower: np.ndarray  # lower bounds of the distances
+    upper: np.ndarray  # upper bounds of the distances
+    single: np.ndarray  # whether h_rr has one sign, which excludes a second foot on the same part
 
 
 def survivors(a: Curve, b: Curve, pieces: EventPieces, feet: SurvivingFeet) -> Survivors:
