@@ -54,9 +54,10 @@ _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOve
 # XLA ends a process that names a flag it does not know, and the first one is gone from jaxlib 0.11.2 on.
 FLAGS = ("--xla_cpu_use_fusion_emitters=false", "--xla_cpu_parallel_codegen_split_count=1")
 QUICK_FLAGS = (*FLAGS, "--xla_backend_optimization_level=0")
-# Bytes of a process from which on its programs are dropped, so that two processes fit into a laptop of 4 GB, and how
-# many more than the last drop left it must hold: modules and what the C library holds in pieces stay.
-_ROOM = 1150 << 20
+# Bytes of a process from which on its programs are dropped if a file of tests begins, and within one, so that no
+# process takes more than 2 GB; and how many more than the last drop left it must hold: modules and what the C library
+# holds in pieces stay.
+_ROOM, _MOST = 1500 << 20, 1800 << 20
 _GROWTH = 150 << 20
 _left = 0
 # Those that take longest when nothing is compiled yet, quick and slow tests together. Files that share large programs
@@ -172,7 +173,7 @@ def room_for_programs():
 @pytest.fixture(autouse=True)
 def room_within_a_file():
     """Drop all programs in the middle of a file that makes very many: experiments make 4 GB of them."""
-    drop_programs_above(2 * _ROOM)
+    drop_programs_above(max(_MOST, _left + _GROWTH))
 
 
 def drop_programs_above(limit):

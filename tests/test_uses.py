@@ -182,6 +182,7 @@ def _missed(p: Any) -> float:
     return float(np.max(np.abs(np.asarray(p - _GOAL))))
 
 
+@pytest.mark.slow
 def test_optimistix_minimizes_the_distance_to_a_known_spline():
     target = _shifted(_GOAL)
     loss = lambda p, _: jhd.hausdorff(_shifted(p), target).value  # noqa: E731
@@ -196,6 +197,7 @@ def test_optimistix_fits_a_known_spline_to_samples_by_least_squares():
     assert _missed(found.value) < 0.1 * _missed(_START)
 
 
+@pytest.mark.slow
 def test_an_optax_loop_moves_a_spline_toward_a_known_one():
     target, adam = _shifted(_GOAL), optax.adam(0.05)
     loss = jax.value_and_grad(lambda p: jnp.sum(jhd.project(target.control_points, _shifted(p)).distance ** 2))

@@ -43,7 +43,7 @@ def is_quick(case):
     # The least sizes that there are: of the search, and of methods and traced programs whose small sizes stay small.
     assert (raised_degree(0), padded_count(1, small=True)) == (QUICK_DEGREE, QUICK_COUNT)
     assert padded_count(QUICK_COUNT) == padded_count(1)
-    return small and (a[2] == 2 or (case.a.weights is None and case.b.weights is None))
+    return small and a[2] == 2
 
 
 def parameters(cases, directions=("ab", "ba")):

@@ -366,23 +366,23 @@ def test_a_mean_under_grad_is_a_number_without_a_derivative():
     assert (repr(traced), float(traced), traced.to_dict()) == (repr(plain), float(plain), plain.to_dict())
 
 
-@pytest.mark.parametrize("after", [0, 1, 2, 3, 5, 8])
-def test_a_time_limit_ends_a_step_and_leaves_true_bounds(monkeypatch, after):
-    calls, bounded = itertools.count(), []
-    monkeypatch.setattr(Clock, "is_over", lambda clock: next(calls) >= after)
-    monkeypatch.setattr(distribution, "_AT_ONCE", 2)
-    monkeypatch.setattr(
-        distribution, "distances_over", lambda *cells: bounded.append(len(cells[3])) or distances_over(*cells)
-    )
+def test_a_time_limit_ends_a_step_and_leaves_true_bounds():
     zigzag = jhd.polyline([(0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (-1.0, 0.0), (0.0, 0.0)])
-    found = jhd.deviation(zigzag, jhd.point_set([(0.0, 0.0)]), rtol=1e-9, max_seconds=60, throw=False)
-    assert found.result == jhd.RESULTS.out_of_time
-    # Each look at the clock lets two cells through at most; the first looks are those of the search for the maximum.
-    assert sum(bounded) <= 2 * after
-    assert encloses(found.mean, 0.5) and encloses(found.rms, 3**-0.5)
-    assert encloses(found.quantile(0.5), 0.5) and encloses(found.fraction_within(0.25), 0.25)
-    known = jhd.MeanDistance()(zigzag, jhd.point_set([(0.0, 0.0)]), rtol=1e-9, max_seconds=60, throw=False)
-    assert known.result == jhd.RESULTS.out_of_time and known.lower <= 0.5 <= known.upper
+    for after in (0, 1, 3, 8):
+        calls, bounded = itertools.count(), []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Clock, "is_over", lambda clock, after=after, calls=calls: next(calls) >= after)
+            patch.setattr(distribution, "_AT_ONCE", 2)
+            counted = lambda *x, bounded=bounded: bounded.append(len(x[3])) or distances_over(*x)  # noqa: E731
+            patch.setattr(distribution, "distances_over", counted)
+            found = jhd.deviation(zigzag, jhd.point_set([(0.0, 0.0)]), rtol=1e-9, max_seconds=60, throw=False)
+            # Each look at the clock lets two cells through at most; the first ones are of the search for the maximum.
+            assert sum(bounded) <= 2 * after
+            known = jhd.MeanDistance()(zigzag, jhd.point_set([(0.0, 0.0)]), rtol=1e-9, max_seconds=60, throw=False)
+        assert found.result == jhd.RESULTS.out_of_time
+        assert encloses(found.mean, 0.5) and encloses(found.rms, 3**-0.5)
+        assert encloses(found.quantile(0.5), 0.5) and encloses(found.fraction_within(0.25), 0.25)
+        assert known.result == jhd.RESULTS.out_of_time and known.lower <= 0.5 <= known.upper
 
 
 def triangulated(net: np.ndarray, count: int) -> tuple[Any, jhd.TriangleMesh]:

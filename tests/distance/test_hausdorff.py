@@ -22,7 +22,7 @@ PROMISED = 1e-9
 # Rotations and roundings of new control points, relative.
 ROUNDING = 1e-12
 
-SMALL = [c for c in CASES if pairs.is_quick(c) and c.a.control_points.shape[2] == 2]
+SMALL = [c for c in CASES if pairs.is_quick(c)]
 PLAIN = [c.name for c in SMALL if c.a.weights is None and c.b.weights is None]
 RATIONAL = [c.name for c in SMALL if c.name not in PLAIN]
 # Every kind of event, in the program of polynomial curves in the plane.
@@ -312,7 +312,7 @@ SINGLE = """
 import numpy as np, jhd
 from fractions import Fraction
 from tests.distance import pairs
-for case in [c for c in pairs.CASES if pairs.is_quick(c) and c.a.control_points.shape[2] == 2]:
+for case in [c for c in pairs.CASES if pairs.is_quick(c)]:
     a, b = pairs.both(case)
     assert a.control_points.dtype == np.float32
     stored = [np.asarray(x, dtype=float) for c in (a, b) for x in (c.control_points, c.weights) if x is not None]

@@ -25,7 +25,7 @@ def test_a_sphere_with_a_point_inside_is_as_far_as_the_point():
     assert abs(float(slope.coefficients[0, 0, 0]) + 0.5) < 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive  # a program of degree 4
 def test_where_the_polynomial_is_just_above_zero_there_is_no_point():
     text = "((x - 0.5)**2 + y**2 + z**2 + 1 / 1125899906842624) * (x**2 + y**2 + z**2 - 1)"
     surface, method = jhd.ImplicitSurface.parse(text, *BOX), jhd.BranchAndBound(atol=5e-7)
@@ -51,7 +51,7 @@ def test_a_small_cap_of_a_sphere_is_as_far_as_its_rim():
     assert not jhd.hausdorff_at_most(cap, top, 1e-3, directed=True)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_point_that_no_simple_fraction_names_stays_in_doubt():
     # A fraction that is not simple: the exact polynomial is zero there, but no evaluation in floats shows it.
     text = "((9973 * x - 4000)**2 + 99460729 * (y**2 + z**2)) * (x**2 + y**2 + z**2 - 1)"

@@ -119,6 +119,7 @@ SPECIAL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECIAL)
 def test_segments_in_space(name):
     a, b = (np.array(rows, dtype=float) for rows in SPECIAL[name])
@@ -127,6 +128,7 @@ def test_segments_in_space(name):
     assert found.upper - found.lower <= 1e-7
 
 
+@pytest.mark.slow
 def test_random_segments_in_space_on_a_grid():
     random, wrong = np.random.default_rng(0), []
     for seed in range(40):

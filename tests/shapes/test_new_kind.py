@@ -112,9 +112,8 @@ def wall(height):
 POINT = jhd.point_set([(1.0, 0.5, 3.0)])
 
 
-def test_distances_projections_and_derivatives():
-    value, slope = jax.value_and_grad(lambda h: jhd.directed_hausdorff(POINT, wall(h)).value)(1.0)
-    assert (float(value), float(slope)) == pytest.approx((2.0, -1.0), abs=1e-12)
+def test_distances_and_projections():
+    assert float(jhd.directed_hausdorff(POINT, wall(1.0))) == pytest.approx(2.0, abs=1e-12)
     found = jhd.project([(1.0, 2.0, 0.25)], wall(1.0).transform(np.eye(3), [0.0, 0.0, -0.25]))
     np.testing.assert_allclose(found.foot, [(1.0, 0.5, 0.25)], atol=1e-12)
     assert "RuledSurface(degrees 2 x 1" in repr(wall(1.0))
@@ -128,13 +127,13 @@ def test_a_new_kind_of_curve():
     for function in (lambda arc: jhd.directed_hausdorff(center, arc), lambda arc: jhd.directed_hausdorff(arc, center)):
         found = function(known)
         assert found.lower <= 2.0 <= found.upper
-        # Passed in, closed over, and built inside.
-        assert float(jax.jit(function)(known).value) == pytest.approx(2.0, abs=1e-12)
-        assert float(jax.jit(lambda shift, f=function: f(known.transform(np.eye(2), shift)).value)(0.0)) == (
-            pytest.approx(2.0, abs=1e-12)
-        )
-        slope = jax.grad(lambda r, f=function: f(CircularArc(r, 1.5)).value)(2.0)
-        assert float(slope) == pytest.approx(1.0, abs=1e-9)
+    # Passed in, closed over, and built inside.
+    assert float(jax.jit(function)(known).value) == pytest.approx(2.0, abs=1e-12)
+    assert float(jax.jit(lambda shift: function(known.transform(np.eye(2), shift)).value)(0.0)) == (
+        pytest.approx(2.0, abs=1e-12)
+    )
+    slope = jax.grad(lambda r: function(CircularArc(r, 1.5)).value)(2.0)
+    assert float(slope) == pytest.approx(1.0, abs=1e-9)
     assert jhd.arc_length(known).lower <= 3.0 <= jhd.arc_length(known).upper
     assert repr(known).startswith("CircularArc(angle 1.5")
 
@@ -142,6 +141,8 @@ def test_a_new_kind_of_curve():
 @pytest.mark.slow
 def test_what_searches_over_it_and_what_proves_it():
     low, high = wall(1.0), wall(1.5)
+    slope = jax.grad(lambda h: jhd.directed_hausdorff(POINT, wall(h)).value)(1.0)
+    assert float(slope) == pytest.approx(-1.0, abs=1e-12)
     found = jhd.hausdorff(low, high)
     assert found.lower <= 0.5 <= found.upper
     jhd.verify(jhd.certify(low, high, found))

@@ -147,9 +147,9 @@ def test_a_part_without_zeros_is_apart_from_several_pieces():
 
 @pytest.mark.slow
 def test_two_surfaces():
-    cap = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [0, 0, 0.75], [0.25, 0.25, 1.25])
+    cap = jhd.ImplicitSurface.parse("z + x^2/8 - 1", [0, 0, 0.75], [0.25, 0.25, 1.25])
     above = jhd.ImplicitSurface.parse("z - 1.5", [0, 0, 1.25], [0.25, 0.25, 1.75])
-    sharp(cap, above, 1.5 - math.sqrt(0.875))
+    sharp(cap, above, 0.5 + 0.25**2 / 8)
 
 
 def test_a_point_that_is_a_zero_of_an_even_polynomial_is_proven_exactly():

@@ -79,7 +79,7 @@ def special(name, rng):
 KINDS = ("smooth", "cusp", "no speed at an end", "point", "line", "folded line", "nearly flat", "nearly a point")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", swept(KINDS, slow=KINDS))
 def test_bounds_hold_beside_cubics_of_every_kind(kind):
     control_points = special(kind, np.random.default_rng(len(kind)))
     rows = queries(control_points, None, 1)
@@ -89,7 +89,7 @@ def test_bounds_hold_beside_cubics_of_every_kind(kind):
     np.testing.assert_allclose(found.distance, reference.distance_profile(rows, control_points), atol=REFERENCE * 1e3)
 
 
-@pytest.mark.parametrize("degree", swept([0, 1, 2, 6, 10], quick=[0, 10]))
+@pytest.mark.parametrize("degree", swept([0, 1, 2, 6, 10], slow=[0, 10]))
 def test_bounds_hold_for_every_degree(degree):
     control_points = np.random.default_rng(degree).normal(size=(1, degree + 1, 3 if degree == 10 else 2))
     rows = queries(control_points, None, 2)
@@ -100,6 +100,7 @@ def test_bounds_hold_for_every_degree(degree):
     assert np.all(found.upper - found.lower <= CLOSED * 4 * size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [0, 1, 3])
 def test_bounds_hold_for_weights_from_a_thousandth_to_a_thousand(exponent):
     rng = np.random.default_rng(exponent)
@@ -110,6 +111,7 @@ def test_bounds_hold_for_weights_from_a_thousandth_to_a_thousand(exponent):
     assert found.closed.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [-140, -40, 40, 400])
 def test_bounds_hold_at_every_scale(exponent):
     control_points = np.ldexp(special("smooth", np.random.default_rng(4)), exponent)
@@ -140,6 +142,7 @@ def test_weights_tell_repeated_segments_apart():
     np.testing.assert_array_equal(repeated(control_points, weights), [False, True, False])
 
 
+@pytest.mark.slow
 def test_lower_bounds_are_proven_by_rational_subdivision():
     rng = np.random.default_rng(8)
     for weights in (None, 10 ** rng.uniform(-2, 2, size=(1, 4))):
@@ -183,6 +186,7 @@ def test_a_full_queue_and_a_step_limit_leave_true_bounds(monkeypatch, name, valu
     assert not found.closed.all()
 
 
+@pytest.mark.slow
 def test_a_tolerance_stops_early_with_true_bounds():
     control_points = special("smooth", np.random.default_rng(11))
     rows = queries(control_points, None, 11)

@@ -166,7 +166,7 @@ def _moved(case, rng, dim):
     return FootCase(scale * (case.a @ turn + shift), scale * (case.b @ turn + shift), case.gradient @ turn)
 
 
-@pytest.mark.parametrize("seed", swept(range(40), quick=1))
+@pytest.mark.parametrize("seed", swept(range(40), slow=1))
 def test_gradients_at_degenerate_feet_are_those_of_closed_forms(seed):
     attack(KINDS, seed)
 
@@ -190,7 +190,7 @@ def beside_a_cusp_of_centers(rng):
     return FootCase(a, b, np.array([-slope, 1.0]) / (2 * np.sqrt(y - 0.25)))
 
 
-@pytest.mark.parametrize(("seed", "dim"), swept([(k, d) for k in range(40) for d in (2, 3)], quick=1))
+@pytest.mark.parametrize(("seed", "dim"), swept([(k, d) for k in range(40) for d in (2, 3)], slow=1))
 def test_gradients_are_right_where_bounds_close_before_the_second_foot_appears(seed, dim):
     attack([beside_a_cusp_of_centers] * 3, seed, dim=dim)
 
