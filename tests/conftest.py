@@ -89,7 +89,7 @@ _LONGEST = (
     "test_surfaces.py",
     "test_near_top.py",
     "test_main.py",
-    "test_polynomial_systems.py",
+    "test_polynomial_roots.py",
     "test_critical.py",
     "test_branch_and_bound.py",
     "test_cube_intervals.py",

@@ -1,1 +1,1 @@
-"""Arithmetic with certified results: intervals, Bernstein forms, sums and polynomial systems."""
+"""Arithmetic with certified results: intervals, Bernstein forms, sums and roots of polynomials."""

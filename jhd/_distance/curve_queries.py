@@ -321,7 +321,7 @@ def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: i
     valid = (roots.valid & ~skip[:, None]).ravel()
     order = jnp.argsort(~valid, stable=True)[:capacity]
     segment = jnp.repeat(jnp.arange(curve.count), roots.valid.shape[1])
-    lower, upper = roots.lower[..., 0].ravel(), roots.upper[..., 0].ravel()
+    lower, upper = roots.lower.ravel(), roots.upper.ravel()
     pick = lambda x, fill: _padded(jnp.where(valid[order], x[order], fill), capacity)  # noqa: E731
     middle = pick(0.5 * (lower + upper), 0.0)
     chosen = pick(segment, 0)

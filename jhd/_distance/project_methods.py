@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd._arithmetic import bernstein, polynomial_systems
+from jhd._arithmetic import bernstein, polynomial_roots
 from jhd._arithmetic.rounding import gamma
 from jhd._distance.nearest.curves import NearestOnCurve, best_end, length_bound, nearest
 from jhd._distance.nearest.feet import equation
@@ -249,7 +249,7 @@ def failed(result: Any) -> Array:
 
 
 def _nearest_of_roots(
-    point: Array, curve: BezierSegments, roots: polynomial_systems.Roots, skip: Array
+    point: Array, curve: BezierSegments, roots: polynomial_roots.Roots, skip: Array
 ) -> tuple[NearestOnCurve, Any]:
     """Return the nearest point among the ends and the stationary parameters, searched in the boxes of the roots.
 
@@ -260,7 +260,7 @@ def _nearest_of_roots(
     offsets = point - curve.control_points
     best = best_end(offsets)
     valid = roots.valid & ~skip[:, None]
-    s0, s1 = (jnp.where(valid, x[..., 0], end) for x, end in ((roots.lower, 0.0), (roots.upper, 1.0)))
+    s0, s1 = (jnp.where(valid, x, end) for x, end in ((roots.lower, 0.0), (roots.upper, 1.0)))
 
     def cut(e: Array, w: Array | None, u0: Array, u1: Array) -> tuple[Array, Array | None]:
         if w is None:

@@ -3,17 +3,16 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd._arithmetic import bernstein, polynomial_systems
+from jhd._arithmetic import bernstein, polynomial_roots
 from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._distance.normalization.pieces import piece_of
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.homogeneous import wronskian
 
 
-def roots_on(point: Array, curve: BezierSegments, segment: Array, capacity: int) -> polynomial_systems.Roots:
+def roots_on(point: Array, curve: BezierSegments, segment: Array, capacity: int) -> polynomial_roots.Roots:
     """Return enclosures of the roots of (P - B).B' on one segment."""
-    coefficients, error = stationarity(point, *piece_of(curve, segment))
-    return polynomial_systems.solve(coefficients[None], error[None], capacity=capacity)
+    return polynomial_roots.solve(*stationarity(point, *piece_of(curve, segment)), capacity=capacity)
 
 
 def stationarity(point: Array, control_points: Array, weights: Array | None) -> tuple[Array, Array]:

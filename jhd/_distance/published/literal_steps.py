@@ -81,7 +81,7 @@ class _Run(NamedTuple):
         # Boxes of stationary points that there is room for on a segment.
         roots = jax.vmap(lambda k: roots_on(point, self.curve, k, 16))(index)
         ends = jnp.broadcast_to(jnp.array([0.0, 1.0]), (len(index), 2))
-        t = jnp.concatenate([0.5 * (roots.lower + roots.upper)[..., 0], ends], axis=1)
+        t = jnp.concatenate([0.5 * (roots.lower + roots.upper), ends], axis=1)
         valid = jnp.concatenate([roots.valid, ends >= 0], axis=1) & ~self.skip[:, None]
         points = jax.vmap(jax.vmap(lambda k, s: self.point(CurvePlace(k, s)), in_axes=(None, 0)))(index, t)
         distance = jnp.where(valid, lengths(points - point), jnp.inf)

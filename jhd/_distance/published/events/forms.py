@@ -5,7 +5,7 @@ Everything runs in NumPy: the arrays are short in all but the last axis, which c
 compiled for a degree or size.
 
 Rounding. Coordinates are at most one, and an operation errs by u = 2^-53 (NumPy rounds to nearest; subnormals stay).
-Restricted control points are off by gamma(9 n) each (`jhd._arithmetic.box_systems`), relative to an origin by
+Restricted control points are off by gamma(9 n) each (`jhd._arithmetic.polynomial_roots`), relative to an origin by
 eta = gamma(9 n + 4); control points of the velocity by gamma(9 n) V with V its largest coordinate on the segment. With
 D and w the largest coordinates of the pieces of a and b about the origin, the products of two sums:
 
@@ -54,7 +54,7 @@ class Curve(NamedTuple):
 
 
 def restricted(c: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Return the control points (points, 2, boxes) on [t0, t1], in two passes, see `box_systems.restrict`."""
+    """Return the control points (points, 2, boxes) on [t0, t1], in two passes, see `polynomial_roots._restrict`."""
     c, n, (t0, t1) = c.copy(), len(c) - 1, side
     inner = t0 < 1
     v = np.where(inner, (t1 - t0) / np.where(inner, 1 - t0, 1.0), 0.0)
