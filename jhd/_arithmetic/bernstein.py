@@ -9,7 +9,7 @@ Rounding: restriction, splitting and evaluation are chains of convex combination
 most three roundings of numbers whose weights are non-negative and sum to one (1 - t, the products, the sum), so after k
 levels the error of a result is at most `rounding.absolute_error(3 k, m)`, m the largest |coefficient| that it was
 computed from. A product costs 3 + min(n, m) roundings of terms whose weights sum to one. That holds for t in [0, 1] and
-as long as nothing overflows; subnormal coefficients count as zero. `enclose` takes such a bound and widens by it.
+as long as nothing overflows; subnormal coefficients count as zero.
 
 Source: Farouki & Rajan, Algorithms for polynomials in Bernstein form, CAGD 5 (1988); Ramshaw, Blossoms are polar forms,
 CAGD 6 (1989).
@@ -24,8 +24,6 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from jhd._arithmetic import rounding
-from jhd._arithmetic.interval import Interval
 from jhd._runtime.arrays import varying
 
 
@@ -184,64 +182,3 @@ def split(coefficients: Float[Array, "..."], t: ArrayLike, axis: int = -1) -> tu
     start = varying(jnp.stack([c, c[::-1]]), weights)
     left, right = jax.lax.fori_loop(0, c.shape[0] - 1, level, start)
     return jnp.moveaxis(left, 0, axis), jnp.moveaxis(right[::-1], 0, axis)
-
-
-def enclose(coefficients: Float[Array, "..."], axes: int | tuple[int, ...] = -1, error: ArrayLike = 0.0) -> Interval:
-    """Interval that contains every value of the polynomial on the unit box: the hull of its coefficients.
-
-    min c <= f(x) <= max c for x in [0, 1]^k, since the Bernstein polynomials are non-negative and sum to one. Exact for
-    the given coefficients; it converges quadratically as the box shrinks.
-
-    >>> range_of_square = enclose(jnp.array([0.0, 0.0, 1.0]))
-    >>> float(range_of_square.lower), float(range_of_square.upper)
-    (0.0, 1.0)
-
-    Args:
-        coefficients: any array; `axes` hold the coefficients, the others are kept.
-        axes: one coefficient axis for each variable.
-        error: bound on the absolute error of every coefficient, broadcast against the result; the default says that
-            they are exact.
-    """
-    lower, upper = rounding.flush_down(coefficients).min(axes), rounding.flush_up(coefficients).max(axes)
-    return Interval(*((lower, upper) if _is_zero(error) else rounding.widen(lower, upper, error)))
-
-
-def enclose_quotient(
-    numerator: Float[Array, "..."],
-    weights: Float[Array, "..."],
-    axes: int | tuple[int, ...] = -1,
-    error: ArrayLike = 0.0,
-    weight_error: ArrayLike = 0.0,
-) -> Interval:
-    """Interval that contains every value of the quotient of two polynomials of equal degrees with positive weights.
-
-    N(x) / W(x) = sum (W_i B_i / W) (N_i / W_i) lies between the least and the greatest N_i / W_i: weights that are
-    non-negative and sum to one. If a weight minus its error is not positive, the interval is the whole line.
-
-    >>> half = enclose_quotient(jnp.array([1.0, 1.0]), jnp.array([2.0, 2.0]))
-    >>> bool(half.contains(0.5)), bool(half.width < 1e-15)
-    (True, True)
-
-    Args:
-        numerator: any array; `axes` hold the coefficients N_i, the others are kept.
-        weights: the coefficients W_i, broadcast against the numerator.
-        axes: one coefficient axis for each variable.
-        error: bound on the absolute error of every N_i, broadcast against the numerator.
-        weight_error: bound on the absolute error of every W_i, broadcast against the weights.
-    """
-    low, high = rounding.flush_down(numerator), rounding.flush_up(numerator)
-    light, heavy = rounding.flush_down(weights), rounding.flush_up(weights)
-    if not _is_zero(error):
-        low, high = rounding.widen(low, high, error)
-    if not _is_zero(weight_error):
-        light, heavy = rounding.widen(light, heavy, weight_error)
-    positive = light > 0
-    light, heavy = jnp.where(positive, light, 1.0), jnp.where(positive, heavy, 1.0)
-    lower = rounding.round_down(rounding.quotient(low, jnp.where(low >= 0, heavy, light)).min(axes))
-    upper = rounding.round_up(rounding.quotient(high, jnp.where(high >= 0, light, heavy)).max(axes))
-    bounded = jnp.broadcast_to(positive, jnp.broadcast_shapes(low.shape, positive.shape)).all(axes)
-    return Interval(jnp.where(bounded, lower, -jnp.inf), jnp.where(bounded, upper, jnp.inf))
-
-
-def _is_zero(error: ArrayLike) -> bool:
-    return isinstance(error, int | float) and error == 0

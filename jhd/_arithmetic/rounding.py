@@ -197,18 +197,13 @@ def quotient(x: ArrayLike, y: ArrayLike) -> Array:
     return (x * scale) / (y * scale)
 
 
-def widen(lower: ArrayLike, upper: ArrayLike, absolute: ArrayLike = 0.0, relative: float = 0.0) -> tuple[Array, Array]:
-    """Bounds of every number that an a-priori error bound allows: [lower - a - r |lower|, upper + a + r |upper|].
-
-    Each operation is rounded outward, so the bounds hold for the exact values of that formula.
+def widen(lower: ArrayLike, upper: ArrayLike, error: ArrayLike) -> tuple[Array, Array]:
+    """Bounds, rounded outward, of every number that an a-priori error bound allows: [lower - error, upper + error].
 
     Args:
         lower: computed lower ends, zero or normal.
         upper: computed upper ends, zero or normal.
-        absolute: a, non-negative; a subnormal one counts as nu.
-        relative: r, non-negative and normal or zero.
+        error: non-negative; a subnormal one counts as nu.
     """
-    lower, upper = jnp.asarray(lower), jnp.asarray(upper)
-    a = flush_up(jnp.asarray(absolute, dtype=lower.dtype))
-    down, up = (round_up(a + round_up(relative * jnp.abs(end))) for end in (lower, upper))
-    return round_down(lower - down), round_up(upper + up)
+    error = flush_up(error)
+    return round_down(lower - error), round_up(upper + error)

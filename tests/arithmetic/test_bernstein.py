@@ -71,10 +71,6 @@ def compiled(name: str, *static: int):
     return jax.jit(lambda *args: function(*args, *static))
 
 
-enclosed = jax.jit(lambda c, error: bernstein.enclose(c, tuple(range(c.ndim)), error))
-quotient = jax.jit(lambda f, g, *errors: bernstein.enclose_quotient(f, g, -1, *errors))
-
-
 @pytest.mark.parametrize("dtype", PRECISIONS)
 @pytest.mark.parametrize("degree", DEGREES)
 @ATTEMPTS
@@ -113,69 +109,6 @@ def test_derivatives_are_within_two_roundings(degree, dtype, data):
     slopes = [degree * (b - a) for a, b in zip(exact[:-1], exact[1:], strict=True)] or [Fraction(0)]
     nu = Fraction(rounding.smallest_normal(dtype))
     assert_within(compiled("derivative")(c), slopes, bound_of(2, slopes, dtype) + 2 * (degree + 1) * nu)
-
-
-@pytest.mark.parametrize("variables", (1, 2, 3))
-@ATTEMPTS
-@given(data=st.data())
-def test_the_hull_of_the_coefficients_holds_every_value(variables, data):
-    shape = (3, 4, 2)[:variables]
-    c = np.array(data.draw(st.lists(NUMBERS, min_size=math.prod(shape), max_size=math.prod(shape)))).reshape(shape)
-    error = data.draw(st.sampled_from([0.0, 1e-320, 1e-3]))
-    place = [data.draw(st.fractions(0, 1, max_denominator=16)) for _ in shape]
-    rows = np.array(exactly(c), dtype=object).reshape(shape)
-    for t in place:
-        rows = np.array([value(list(row), t) for row in np.moveaxis(rows, 0, -1).reshape(-1, rows.shape[0])])
-        shape = shape[1:]
-        rows = rows.reshape(shape)
-    enclosure = enclosed(c, error)
-    exact = Fraction(rows.item() if isinstance(rows, np.ndarray) else rows)
-    assert Fraction(float(enclosure.lower)) <= exact - Fraction(error)
-    assert exact + Fraction(error) <= Fraction(float(enclosure.upper))
-
-
-@ATTEMPTS
-@given(
-    data=st.data(),
-    weights=st.lists(st.floats(0.0009765625, 1000, width=32), min_size=4, max_size=4),
-    errors=st.sampled_from([(0.0, 0.0), (1e-3, 0.0), (0.0, 2.0**-11), (1e-3, 2.0**-11)]),
-    t=st.fractions(0, 1, max_denominator=16),
-    signs=st.tuples(st.sampled_from([-1, 1]), st.sampled_from([-1, 1])),
-)
-def test_a_quotient_holds_every_value(data, weights, errors, t, signs):
-    numerator = data.draw(forms(3))
-    enclosure = quotient(np.array(numerator), np.array(weights), *errors)
-    top = value([x + signs[0] * Fraction(errors[0]) for x in exactly(numerator)], t)
-    bottom = value([x + signs[1] * Fraction(errors[1]) for x in exactly(weights)], t)
-    assert Fraction(float(enclosure.lower)) <= top / bottom <= Fraction(float(enclosure.upper))
-
-
-@pytest.mark.parametrize("weights", ([1.0, 0.0], [1.0, -1.0], [1.0, 1e-310], [1.0, np.nan]))
-def test_a_quotient_by_weights_that_are_not_positive_is_the_whole_line(weights):
-    enclosure = quotient(np.array([1.0, 2.0]), np.array(weights))
-    assert float(enclosure.lower) == -np.inf and float(enclosure.upper) == np.inf
-
-
-def test_errors_of_weights_widen_a_quotient_on_both_sides_of_zero():
-    # Weights anywhere between 1/2 and 3/2.
-    for sign in (1.0, -1.0):
-        enclosure = bernstein.enclose_quotient(sign * jnp.ones(2), jnp.ones(2), weight_error=0.5)
-        assert bool(enclosure.contains(sign * 2.0)) and bool(enclosure.contains(sign * 2 / 3))
-
-
-def test_a_quotient_of_points_broadcasts_the_weights():
-    points, weights = jnp.array([[1.0, 0.0], [1.0, 1.0], [0.0, 2.0]]), jnp.array([1.0, 1.0, 2.0])
-    enclosure = jax.jit(lambda f, g: bernstein.enclose_quotient(f, g, axes=-2))(points, weights[:, None])
-    assert enclosure.shape == (2,) and bool(jnp.all(enclosure.contains(jnp.array([0.5, 0.5]))))
-
-
-def test_enclose_is_exact_where_the_coefficients_are():
-    enclosure = bernstein.enclose(jnp.array([[1.0, -2.0], [0.0, 5e-324]]), axes=(-2, -1))
-    assert float(enclosure.lower) == -2.0 and float(enclosure.upper) == 1.0
-    tiny = bernstein.enclose(jnp.array([0.0, -5e-324]))
-    assert float(tiny.lower) < 0.0 == float(tiny.upper)
-    for order in ([0.0, 5e-324], [5e-324, 0.0]):
-        assert float(jax.jit(bernstein.enclose)(jnp.array(order)).upper) > 0.0
 
 
 def test_the_tables_of_binomials_are_exact_as_far_as_promised():
