@@ -4,5 +4,3 @@ from jhd._fields.adaptive import AdaptiveDistanceField
 from jhd._fields.distance_map import DistanceMap, distance_map
 from jhd._fields.distance_transform import DistanceTransform, distance_transform, signed_distance_transform
 from jhd._fields.octree import Voxels, voxelize
-from jhd._triangles.closest_point import ClosestPoints, closest_points
-from jhd._triangles.winding import is_inside, winding_numbers

@@ -67,7 +67,6 @@ class Grid(NamedTuple):
 class Octree(NamedTuple):
     """A constructed octree; widths and positions are counted in the finest cells."""
 
-    grid: Grid  # the first level
     depth: int  # halvings of the finest cells
     values: Float[np.ndarray, " samples"]  # signed distances at the samples that are corners of leaves
     corners: Int[np.ndarray, "leaves 8"]  # the samples of each leaf, in the order of CORNERS
@@ -77,7 +76,6 @@ class Octree(NamedTuple):
     nodes: Int[np.ndarray, "nodes 8"]
     roots: Int[np.ndarray, "x y z"]  # these numbers for the cells of the first level
     unresolved: int  # leaves off by more than the tolerance, due to max_depth or max_cells
-    queries: int  # points whose distance was computed
 
 
 class _OctreeLevel(NamedTuple):
@@ -296,7 +294,6 @@ def _assembled(grid: Grid, levels: list[_OctreeLevel], samples: Samples, unresol
     used, number = np.unique(np.concatenate(corners), return_inverse=True)
     below = np.concatenate([np.zeros(0, np.int32), *codes[1:]]).reshape(-1, 8)
     return Octree(
-        grid=grid,
         depth=depth,
         values=samples.signed[used],
         corners=number.reshape(-1, 8).astype(np.int32),
@@ -305,5 +302,4 @@ def _assembled(grid: Grid, levels: list[_OctreeLevel], samples: Samples, unresol
         nodes=below,
         roots=codes[0].reshape(grid.shape),
         unresolved=unresolved,
-        queries=len(samples.distance),
     )

@@ -89,13 +89,11 @@ def surface_of(mesh: TriangleMesh, sign: str = "winding", search: Search | None 
     """The prepared mesh; a search determines the distances, and signs then use the published averages of normals.
 
     Raises:
-        ValueError: an unknown sign, or normals of a mesh that is not closed and consistently oriented.
+        ValueError: normals of a mesh that is not closed and consistently oriented.
     """
     if search is not None:
         pseudonormals(mesh, PUBLISHED_SIGN)
         return Surface(mesh, triangle_tree(mesh), PUBLISHED_SIGN, False, search)
-    if sign not in SIGNS:
-        raise ValueError(f"sign is {sign!r}; needs one of {', '.join(map(repr, SIGNS))}.")
     if sign == "pseudonormal":
         pseudonormals(mesh)
     linked = sign == "none" or bool(np.all(edges_of(mesh).balance == 0))

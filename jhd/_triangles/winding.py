@@ -189,23 +189,6 @@ def _decided(mesh: TriangleMesh, points: np.ndarray) -> np.ndarray:
     return inside
 
 
-def winding_numbers(
-    mesh: TriangleMesh, points: Float[np.ndarray, "points 3"], atol: float = 0.0
-) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """Winding numbers and bounds of their errors; all numbers known.
-
-    Args:
-        mesh: the mesh, closed or not.
-        points: in the unit of the mesh; on the mesh the number jumps, and the bound is large.
-        atol: largest error of one node; with 0 all triangles are taken one by one.
-    """
-    mesh, power = in_unit(mesh)
-    tree, moments, scaled = _prepared(mesh, np.ldexp(points, -power))
-    starts = range(0, len(points), BLOCKS[-1])
-    parts = [_numbers(tree, moments, scaled[start : start + BLOCKS[-1]], atol) for start in starts]
-    return np.concatenate([x for x, _ in parts]), np.concatenate([x for _, x in parts])
-
-
 def _prepared(mesh: TriangleMesh, points: np.ndarray) -> tuple[TriangleTree, _Moments, np.ndarray]:
     """Tree, sums and points in one unit, for a mesh as returned by `in_unit`."""
     tree, scaled = in_unit_of(triangle_tree(mesh), points)
