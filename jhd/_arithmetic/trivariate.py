@@ -45,6 +45,7 @@ from jaxtyping import Array, Float
 from jhd._arithmetic import rounding
 from jhd._arithmetic.interval import Interval
 from jhd._arithmetic.polynomials import horner
+from jhd._runtime.arrays import one_of
 
 Ends = tuple[Array, Array]
 
@@ -116,10 +117,8 @@ def enclose(
     Raises:
         ValueError: another kind.
     """
-    if kind not in _RANGES:
-        raise ValueError(f"kind is {kind!r}; needs one of {', '.join(map(repr, RANGES))}.")
     a, c, h, absolute = _scaled(coefficients, center, half_width)
-    ends, roundings = _RANGES[kind](a, c, h)
+    ends, roundings = _RANGES[one_of("kind", kind, RANGES)](a, c, h)
     return Interval(*rounding.widen(*ends, _error(a, c, h, roundings, absolute)))
 
 

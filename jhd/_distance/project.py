@@ -19,7 +19,7 @@ from jhd._results.solution import RESULTS, Projection, StationaryPoints, throw_u
 from jhd._runtime.arrays import check_whole, is_traced, real_array
 from jhd._runtime.clock import Clock
 from jhd._shapes.as_shape import ShapeLike, check_rows_first, check_shape, taken_as
-from jhd._shapes.checks import Numbers
+from jhd._shapes.checks import Numbers, checked_points
 from jhd._shapes.curve import BezierSegments, check_curve
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
@@ -173,9 +173,4 @@ def _checked(points: Numbers, shape: Any) -> tuple[Array, BezierSegments]:
     shape = taken_as("shape", shape)
     check_curve("shape", shape)
     curve = working(shape)
-    queries = real_array("points", points)
-    if queries.ndim == 0 or queries.shape[-1] != curve.dim:
-        raise ValueError(f"points has shape {queries.shape}; needs (..., {curve.dim}).")
-    if queries.size == 0:
-        raise ValueError(f"points is empty: its shape is {queries.shape}.")
-    return queries, curve
+    return checked_points(points, curve.dim), curve

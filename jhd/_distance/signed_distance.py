@@ -15,13 +15,12 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._arithmetic.scaling import common_exponent, ldexp
-from jhd._distance.nearest.meshes import checked_points
 from jhd._distance.published.vertex_voxels import VertexVoxels
 from jhd._distance.witness.mesh_feet import project_on_mesh
 from jhd._results.solution import Projection
-from jhd._runtime.arrays import is_traced, undifferentiated
+from jhd._runtime.arrays import is_traced, one_of, undifferentiated
 from jhd._shapes.as_shape import ShapeLike, check_rows_first, taken_as
-from jhd._shapes.checks import Numbers
+from jhd._shapes.checks import Numbers, checked_points
 from jhd._shapes.mesh import TriangleMesh, check_mesh
 from jhd._triangles.closest_point import ClosestPoints
 from jhd._triangles.pseudonormal import is_behind
@@ -70,8 +69,7 @@ def signed_distance(
     target = taken_as("mesh", mesh)
     check_mesh("mesh", target)
     sign = ("winding" if method is None else "average") if sign is None else sign
-    if sign not in _SIGNS:
-        raise ValueError(f"sign is {sign!r}; needs one of {', '.join(map(repr, _SIGNS))}.")
+    one_of("sign", sign, _SIGNS)
     queries = checked_points(points)
     found = project_on_mesh(queries, target, method)
     fixed, still, foot = undifferentiated((queries, target, found))

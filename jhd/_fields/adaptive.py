@@ -25,14 +25,13 @@ from jhd._fields.adaptive_evaluate import LeafCells, values_at
 from jhd._fields.adaptive_extract import Leaves, extracted
 from jhd._fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, HasSearch, Surface, is_inner, surface_of
 from jhd._fields.adaptive_surfaces import MESH_SHARE, meshed
-from jhd._fields.checks import one_of, positive, whole
 from jhd._results.display import count_text, described, opaque, value_text
 from jhd._runtime.archives import read_arrays
-from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.arrays import is_traced, one_of, positive, real_array, whole_between
 from jhd._runtime.clock import with_time_limit
 from jhd._runtime.files import replace_file
 from jhd._shapes.as_shape import ShapeLike, taken_as
-from jhd._shapes.checks import Numbers
+from jhd._shapes.checks import Numbers, checked_points
 from jhd._shapes.mesh import TriangleMesh, check_mesh
 from jhd._triangles.closest_point import closest_points
 from jhd._triangles.unit import in_unit
@@ -153,8 +152,8 @@ class AdaptiveDistanceField(eqx.Module):
         sign = "winding" if sign is None else sign
         drawn = meshed(shape, tolerance, one_of("sign", sign, SIGNS))[0]
         known, power = _surface(drawn, sign, method)
-        depth = whole("max_depth", max_depth, 0, DEEPEST)
-        most = whole("max_cells", max_cells, 1, 1 << 27)
+        depth = whole_between("max_depth", max_depth, 0, DEEPEST)
+        most = whole_between("max_cells", max_cells, 1, 1 << 27)
         grid = first_grid(drawn, tolerance) if method is None else bounding_cube(drawn)
         # A tolerance beyond floats in this unit refines all cells, or none.
         asked = _scaled(tolerance if drawn is shape else (1 - MESH_SHARE) * tolerance, -power)
@@ -202,11 +201,7 @@ class AdaptiveDistanceField(eqx.Module):
             TypeError: the points are not real numbers.
             ValueError: the points are not finite, empty, or not in space. Under tracing, NaN gives NaN.
         """
-        queries = real_array("points", points)
-        if queries.ndim == 0 or queries.shape[-1] != 3:
-            raise ValueError(f"points has shape {queries.shape}; needs (..., 3).")
-        if queries.size == 0:
-            raise ValueError(f"points is empty: its shape is {queries.shape}.")
+        queries = checked_points(points)
         return values_at(self._cells(), queries.reshape(-1, 3), self.depth).reshape(queries.shape[:-1])
 
     def to_mesh(self, resolution: int) -> TriangleMesh:
@@ -234,7 +229,7 @@ class AdaptiveDistanceField(eqx.Module):
         """
         if self.sign == "none":
             raise ValueError("the field has no signs, so its zero set is no surface; build it with sign='winding'.")
-        count, known = whole("resolution", resolution, 2, 4096), self._known()
+        count, known = whole_between("resolution", resolution, 2, 4096), self._known()
         power = int(common_exponent(np.asarray(known.lower), np.asarray(known.upper)))
         known = known._times(-power)
         at_corners = np.asarray(known.values)[np.asarray(known.corners)]
@@ -264,8 +259,8 @@ class AdaptiveDistanceField(eqx.Module):
             ValueError: a number is out of range, or no leaf meets the mesh.
         """
         mesh, power = _surface(meshed(surface, float(self._known().tolerance), self.sign)[0], self._kind)
-        count = whole("samples", samples, 1, 1 << 31)
-        random, known = np.random.default_rng(whole("seed", seed, 0, 1 << 63)), self._known()._times(-power)
+        count = whole_between("samples", samples, 1, 1 << 31)
+        random, known = np.random.default_rng(whole_between("seed", seed, 0, 1 << 63)), self._known()._times(-power)
         boxes = known._boxes(mesh)
         volume = boxes.width**3
         chosen = random.choice(len(volume), count, p=volume / volume.sum())
@@ -304,7 +299,7 @@ class AdaptiveDistanceField(eqx.Module):
         if not mesh.linked:
             needed = "a mesh whose edges are each traversed equally often in both directions"
             raise ValueError(f"proven_error needs {needed}; otherwise the signed distance jumps across the holes.")
-        ratio, most = positive("rtol", rtol), whole("max_boxes", max_boxes, 1, 1 << 31)
+        ratio, most = positive("rtol", rtol), whole_between("max_boxes", max_boxes, 1, 1 << 31)
         error = largest_error(mesh, self._known()._times(-power)._boxes(mesh), ratio, most)
         bound = np.nextafter(_scaled(error, power), np.inf)
         return float(np.nextafter(bound + deviation, np.inf) if deviation else bound)

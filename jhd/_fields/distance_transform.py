@@ -32,7 +32,7 @@ from jaxtyping import Array, Float, Int
 from jhd._arithmetic.rounding import power_of_two, smallest_normal
 from jhd._arithmetic.scaling import common_exponent, ldexp
 from jhd._results.display import described, most_text, opaque, size_text
-from jhd._runtime.arrays import array_of, is_traced, real_array, varying
+from jhd._runtime.arrays import array_of, is_traced, one_of, real_array, varying
 from jhd._runtime.compiled import compiled
 from jhd._shapes.checks import Numbers
 
@@ -87,8 +87,7 @@ def distance_transform(features: Numbers, spacing: Numbers = 1.0, *, method: str
         ValueError: the grid has no or more than three dimensions or is empty, a side is not positive, or the method is
             unknown.
     """
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}; needs one of {', '.join(map(repr, METHODS))}.")
+    one_of("method", method, METHODS)
     grid = _checked_grid("features", features)
     sides, power, equal = _checked_spacing(spacing, grid.ndim)
     index = _nearest(grid, sides, equal, method)

@@ -12,7 +12,6 @@ cell, possibly on a face or an edge, at which a quadratic model is most of the o
 Source: AlgSurf, section 2, steps 1 to 3; the proofs are ours.
 """
 
-import operator
 from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -26,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jhd._arithmetic import exact_polynomials, trivariate
 from jhd._fields.boxes import CORNERS, children
 from jhd._results.display import count_text, described, is_known, opaque, value_text
-from jhd._runtime.arrays import is_traced
+from jhd._runtime.arrays import is_traced, one_of, whole_between
 from jhd._runtime.clock import with_time_limit
 from jhd._runtime.compiled import optimized
 from jhd._runtime.memory import check_memory
@@ -115,7 +114,7 @@ def voxelize(
         MemoryError: the cells of the next level would need more memory than is free.
         TimeoutError: the cells take longer than `max_seconds`, at a report of progress.
     """
-    cells, ranges = checked_cells(cells), _checked_ranges(ranges)
+    cells, ranges = whole_between("cells", cells, 1, _LARGEST - 1), one_of("ranges", ranges, trivariate.RANGES)
     grid = _grid(surface, cells)
     found = _descend(grid, ranges, with_time_limit(progress, max_seconds))
     if not len(found):
@@ -123,28 +122,6 @@ def voxelize(
     sides = [high - low for low, high in grid.box]
     spacing = jnp.asarray([float(side / cells) for side in sides], surface.lower.dtype)
     return Voxels(jnp.asarray(found), surface.lower, spacing, jnp.asarray(_proven(grid, found)))
-
-
-def checked_cells(cells: object) -> int:
-    """The number of cells along an axis.
-
-    Raises:
-        TypeError: no whole number.
-        ValueError: below 1 or above 2^20.
-    """
-    try:
-        count = operator.index(cells)  # pyright: ignore[reportArgumentType]
-    except TypeError:
-        raise TypeError(f"cells must be a whole number; got {type(cells).__name__}.") from None
-    if not 1 <= count < _LARGEST:
-        raise ValueError(f"cells is {count}; needs 1 to {_LARGEST - 1}.")
-    return count
-
-
-def _checked_ranges(ranges: str) -> str:
-    if ranges not in trivariate.RANGES:
-        raise ValueError(f"ranges is {ranges!r}; needs one of {', '.join(map(repr, trivariate.RANGES))}.")
-    return ranges
 
 
 class _VoxelGrid(NamedTuple):

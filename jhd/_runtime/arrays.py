@@ -1,6 +1,7 @@
 """Checks of user input (real, finite arrays, with messages that name the input), and tables of arrays."""
 
 import numbers
+import operator
 from collections.abc import Sequence
 from typing import Any, TypeVar, cast
 
@@ -209,6 +210,31 @@ def whole(name: str, value: object, least: int) -> int:
     number = int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else value
     check_whole(name, number, least)
     return cast(int, number)
+
+
+def whole_between(name: str, value: object, least: int, most: int) -> int:
+    """The value as a whole number from `least` to `most`; TypeError if it is none, ValueError out of the range."""
+    try:
+        number = operator.index(value)  # pyright: ignore[reportArgumentType]
+    except TypeError:
+        raise TypeError(f"{name} must be a whole number; got {type(value).__name__}.") from None
+    if not least <= number <= most:
+        raise ValueError(f"{name} is {number}; needs {least} to {most}.")
+    return number
+
+
+def positive(name: str, value: Any) -> float:
+    """The value as a positive, finite number."""
+    number = real_array(name, value)
+    check_scalar(name, number, positive=True)
+    return float(number)
+
+
+def one_of(name: str, value: Any, names: Sequence[str]) -> Any:
+    """The value; ValueError unless it is one of these names."""
+    if value not in names:
+        raise ValueError(f"{name} is {value!r}; needs one of {', '.join(map(repr, names))}.")
+    return value
 
 
 def taken(table: Rows, rows: Any) -> Rows:

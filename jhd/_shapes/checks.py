@@ -63,6 +63,21 @@ def checked_net(control_points: Numbers, weights: Numbers | None, axes: tuple[st
     return points, given
 
 
+def checked_points(points: Numbers, dim: int = 3) -> Array:
+    """Points as an array (..., dim).
+
+    Raises:
+        TypeError: not real numbers.
+        ValueError: not finite, empty, or with another number of coordinates.
+    """
+    queries = real_array("points", points)
+    if queries.ndim == 0 or queries.shape[-1] != dim:
+        raise ValueError(f"points has shape {queries.shape}; needs (..., {dim}).")
+    if queries.size == 0:
+        raise ValueError(f"points is empty: its shape is {queries.shape}.")
+    return queries
+
+
 def check_same_dim(a: int, b: int) -> None:
     """Raise ValueError unless points of both shapes have equally many coordinates."""
     if a != b:

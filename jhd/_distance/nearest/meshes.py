@@ -17,8 +17,7 @@ from jaxtyping import Array
 from jhd._arithmetic.rounding import largest, round_down, round_up, smallest_normal
 from jhd._arithmetic.scaling import common_exponent, ldexp, times_two_to
 from jhd._results.solution import RESULTS, Projection, result_where
-from jhd._runtime.arrays import is_traced, real_array, undifferentiated, varying
-from jhd._shapes.checks import Numbers
+from jhd._runtime.arrays import is_traced, undifferentiated, varying
 from jhd._shapes.mesh import TriangleMesh
 from jhd._triangles.closest_point import ClosestPoints, closest_points
 from jhd._triangles.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
@@ -60,21 +59,6 @@ def nearest_on_mesh(queries: Array, mesh: TriangleMesh, method: object = None) -
     else:
         raise TypeError("VertexVoxels runs on the host, not under jit or vmap; method=None is traced.")
     return jax.tree_util.tree_map(lambda x: jnp.asarray(x).reshape((*batch, *x.shape[1:])), found)
-
-
-def checked_points(points: Numbers) -> Array:
-    """Return the points as an array (..., 3).
-
-    Raises:
-        TypeError: not real numbers.
-        ValueError: not finite, empty, or not in space.
-    """
-    queries = real_array("points", points)
-    if queries.ndim == 0 or queries.shape[-1] != 3:
-        raise ValueError(f"points has shape {queries.shape}; needs (..., 3).")
-    if queries.size == 0:
-        raise ValueError(f"points is empty: its shape is {queries.shape}.")
-    return queries
 
 
 def _known(found: ClosestPoints, mesh: TriangleMesh) -> Projection:

@@ -36,8 +36,9 @@ from jhd._arithmetic.rationals import float_above, float_below, root_between
 from jhd._distance.normalization.directions import larger
 from jhd._distance.normalization.method import AbstractHausdorffMethod
 from jhd._fields.boxes import squared_distances, squared_vertex_distances
-from jhd._fields.octree import Voxels, checked_cells, voxelize
+from jhd._fields.octree import Voxels, voxelize
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+from jhd._runtime.arrays import whole_between
 from jhd._runtime.compiled import optimized
 from jhd._shapes.implicit import ImplicitSurface, check_surface
 from jhd.progress import Callback
@@ -89,7 +90,7 @@ class CubeIntervals(AbstractHausdorffMethod):
     ends: str = eqx.field(static=True, default="cells")
 
     def __check_init__(self) -> None:
-        checked_cells(self.cells)
+        whole_between("cells", self.cells, 1, 1 << 20)
         options = ("rule", ("safe", "paper")), ("pairs", ("separable", "tiles")), ("ends", ("cells", "vertices"))
         for name, allowed in options:
             if getattr(self, name) not in allowed:

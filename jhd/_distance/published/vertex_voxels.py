@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 
 from jhd._distance.nearest.meshes import AbstractMeshSearch
 from jhd._fields.distance_transform import METHODS, distance_transform
-from jhd._runtime.arrays import is_traced
+from jhd._runtime.arrays import is_traced, one_of
 from jhd._shapes.mesh import TriangleMesh, check_mesh, places_of
 from jhd._shapes.prepared import prepared
 from jhd._triangles.closest_point import (
@@ -249,8 +249,7 @@ class VertexVoxels(AbstractMeshSearch):
             whole = isinstance(value, int) and not isinstance(value, bool) and value > 0
             if not whole and not (name == "resolution" and value is None):
                 raise ValueError(f"{name} is {value!r}; needs a positive whole number.")
-        if self.transform not in METHODS:
-            raise ValueError(f"transform is {self.transform!r}; needs one of {', '.join(map(repr, METHODS))}.")
+        one_of("transform", self.transform, METHODS)
 
     def voxels(self, mesh: TriangleMesh) -> int:
         """Number of voxels along each side of the cube around a mesh.

@@ -7,14 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd._distance.nearest.meshes import checked_points
 from jhd._distance.nearest.target import ProvenFeet
 from jhd._distance.normalization.host_callback import from_host
 from jhd._distance.search.bodies import body_of, target_of
 from jhd._results.solution import RESULTS, Projection, on_device, unchecked
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd._shapes.as_shape import Shape
-from jhd._shapes.checks import Numbers
+from jhd._shapes.checks import Numbers, checked_points
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import AbstractPatch
 from jhd._shapes.prepared import working

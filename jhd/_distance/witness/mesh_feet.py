@@ -10,12 +10,12 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from jhd._arithmetic.scaling import common_exponent, length, scale_of
-from jhd._distance.nearest.meshes import checked_points, nearest_on_mesh
+from jhd._distance.nearest.meshes import nearest_on_mesh
 from jhd._distance.normalization.custom_derivatives import attached
 from jhd._results.solution import Projection
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.compiled import compiled
-from jhd._shapes.checks import Numbers
+from jhd._shapes.checks import Numbers, checked_points
 from jhd._shapes.mesh import TriangleMesh
 
 
