@@ -23,7 +23,7 @@ from jhd._fields.adaptive_build import DEEPEST, MODES, Task, bounding_cube, buil
 from jhd._fields.adaptive_error import LeafBoxes, largest_error, meeting
 from jhd._fields.adaptive_evaluate import LeafCells, values_at
 from jhd._fields.adaptive_extract import Leaves, extracted
-from jhd._fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, HasSearch, Surface, is_inner, surface_of
+from jhd._fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, Surface, is_inner, surface_of
 from jhd._fields.adaptive_surfaces import MESH_SHARE, meshed
 from jhd._results.display import count_text, described, opaque, value_text
 from jhd._runtime.archives import read_arrays
@@ -33,7 +33,7 @@ from jhd._runtime.files import replace_file
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import Numbers, checked_points
 from jhd._shapes.mesh import TriangleMesh, check_mesh
-from jhd._triangles.closest_point import closest_points
+from jhd._triangles.closest_point import AbstractMeshSearch, closest_points
 from jhd._triangles.unit import in_unit
 from jhd.progress import Callback
 
@@ -100,7 +100,7 @@ class AdaptiveDistanceField(eqx.Module):
         max_cells: int = 1_500_000,
         max_seconds: float | None = None,
         progress: Callback | None = None,
-        method: HasSearch | None = None,
+        method: AbstractMeshSearch | None = None,
     ) -> "AdaptiveDistanceField":
         """The field of a surface, refined until the error is within `tolerance` at 19 points of each cell.
 
@@ -432,13 +432,13 @@ def _check_leaves(known: dict[str, Any]) -> None:
         )
 
 
-def _surface(mesh: Any, sign: str = "winding", method: HasSearch | None = None) -> tuple[Surface, int]:
+def _surface(mesh: Any, sign: str = "winding", method: AbstractMeshSearch | None = None) -> tuple[Surface, int]:
     """The mesh prepared in a unit of its own, and the power of two of this unit."""
     check_mesh("surface", mesh)
     if is_traced(mesh):
         raise TypeError("surface is traced; needs concrete numbers, as the cells depend on them.")
     unit, power = in_unit(mesh)
-    return surface_of(unit, sign, None if method is None else method._search), power
+    return surface_of(unit, sign, method), power
 
 
 def _scaled(x: Any, power: int) -> Any:

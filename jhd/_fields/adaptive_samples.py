@@ -6,8 +6,7 @@ open balls around them, which do not meet the mesh, intersect. So few winding nu
 signs from points to their neighbors, with distances rounded down.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from jhd._arithmetic.rounding import gamma
 from jhd._shapes.mesh import TriangleMesh, edges_of
 from jhd._triangles.closest_point import (
+    AbstractMeshSearch,
     ClosestPoints,
     TriangleTree,
     barycentric_of,
@@ -27,17 +27,9 @@ from jhd._triangles.closest_point import (
 from jhd._triangles.pseudonormal import is_behind, pseudonormals
 from jhd._triangles.winding import is_inside
 
-Search = Callable[[np.ndarray, TriangleMesh], ClosestPoints]
 SIGNS = ("winding", "pseudonormal", "none")
 # Published averages of normals go with the published search alone.
 PUBLISHED_SIGN = "average"
-
-
-@runtime_checkable
-class HasSearch(Protocol):
-    """An object with a search for nearest points of a mesh, for example jhd.published.VertexVoxels."""
-
-    _search: Search
 
 
 class Samples(NamedTuple):
@@ -77,7 +69,7 @@ class Surface(NamedTuple):
     tree: TriangleTree
     sign: str
     linked: bool
-    search: Search | None = None
+    search: AbstractMeshSearch | None = None
 
     @property
     def dtype(self) -> np.dtype:
@@ -85,7 +77,7 @@ class Surface(NamedTuple):
         return np.asarray(self.mesh.vertices).dtype
 
 
-def surface_of(mesh: TriangleMesh, sign: str = "winding", search: Search | None = None) -> Surface:
+def surface_of(mesh: TriangleMesh, sign: str = "winding", search: AbstractMeshSearch | None = None) -> Surface:
     """The prepared mesh; a search determines the distances, and signs then use the published averages of normals.
 
     Raises:
@@ -111,7 +103,7 @@ def unsigned(
         near: a near triangle for each point, in the order of the tree; None searches for them.
     """
     if surface.search is not None:
-        local = surface.search(points, surface.mesh)
+        local = surface.search._search(points, surface.mesh)
         behind = is_behind(surface.mesh, points, local.triangle, local.t, surface.sign)
         # No other search starts near these triangles, so they need no numbers of the tree.
         return Samples(local.distance, local.lower, local.triangle, np.where(behind, -1, 1).astype(np.int8))

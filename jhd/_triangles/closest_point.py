@@ -15,8 +15,10 @@ Source: the problem is posed in "3-D signed Euclidean distance transform and its
 search around the nearest vertex can miss the nearest triangle; the search is ours.
 """
 
+from abc import abstractmethod
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -75,6 +77,14 @@ class ClosestPoints(NamedTuple):
     triangle: Int[np.ndarray, " points"]  # the triangles that hold them
     # Barycentric coordinates of the nearest points in these triangles; exactly 0 off a face.
     t: Float[np.ndarray, "points 3"]
+
+
+class AbstractMeshSearch(eqx.Module):
+    """Search for the nearest points of a mesh other than the exact one; its fields are options."""
+
+    @abstractmethod
+    def _search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
+        """The points found for queries (points, 3), all numbers known."""
 
 
 def triangle_tree(mesh: TriangleMesh) -> TriangleTree:

@@ -5,9 +5,6 @@ is compared with every triangle, in blocks that bound the memory; the proof is t
 VertexVoxels, is for comparison.
 """
 
-from abc import abstractmethod
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,19 +16,11 @@ from jhd._arithmetic.scaling import common_exponent, ldexp, times_two_to
 from jhd._results.solution import RESULTS, Projection, result_where
 from jhd._runtime.arrays import is_traced, undifferentiated, varying
 from jhd._shapes.mesh import TriangleMesh
-from jhd._triangles.closest_point import ClosestPoints, closest_points
+from jhd._triangles.closest_point import AbstractMeshSearch, ClosestPoints, closest_points
 from jhd._triangles.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
 
 # Points and triangles whose pairs are formed at once under tracing.
 _POINTS, _TRIANGLES = 128, 512
-
-
-class AbstractMeshSearch(eqx.Module):
-    """Search for the nearest points of a mesh other than the exact one; its fields are options."""
-
-    @abstractmethod
-    def _search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
-        """Return the points found for queries (points, 3), all numbers known."""
 
 
 def nearest_on_mesh(queries: Array, mesh: TriangleMesh, method: object = None) -> Projection:

@@ -16,12 +16,12 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from jhd._distance.nearest.meshes import AbstractMeshSearch
 from jhd._fields.distance_transform import METHODS, distance_transform
 from jhd._runtime.arrays import is_traced, one_of
 from jhd._shapes.mesh import TriangleMesh, check_mesh, places_of
 from jhd._shapes.prepared import prepared
 from jhd._triangles.closest_point import (
+    AbstractMeshSearch,
     ClosestPoints,
     TriangleTree,
     barycentric_of,
