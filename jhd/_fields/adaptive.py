@@ -21,10 +21,8 @@ from jaxtyping import Array, Float, Int
 from jhd._arithmetic.scaling import common_exponent
 from jhd._fields.adaptive_build import DEEPEST, MODES, Task, bounding_cube, build_octree, first_grid
 from jhd._fields.adaptive_error import LeafBoxes, largest_error, meeting
-from jhd._fields.adaptive_evaluate import LeafCells, values_at
-from jhd._fields.adaptive_extract import Leaves, extracted
-from jhd._fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, Surface, is_inner, surface_of
-from jhd._fields.adaptive_surfaces import MESH_SHARE, meshed
+from jhd._fields.adaptive_extract import LeafCells, Leaves, extracted, values_at
+from jhd._fields.adaptive_samples import MESH_SHARE, PUBLISHED_SIGN, SIGNS, Surface, is_inner, meshed, surface_of
 from jhd._results.display import count_text, described, opaque, value_text
 from jhd._runtime.archives import read_arrays
 from jhd._runtime.arrays import is_traced, one_of, positive, real_array, whole_between

@@ -1,18 +1,25 @@
 """Signed distances of many points to one mesh, for a search that requests more and more of them.
 
+A mesh takes the place of a parametric or implicit surface. If it is within d of the surface in both directions, their
+distances differ by at most d. The side of a point is its side of the mesh; for points farther than d from the surface
+this is also their side of the surface.
+
 If every edge of a mesh is traversed equally often in both directions, its winding number is constant off the mesh. The
 signed distance then has Lipschitz constant 1. Two points with |p - q| < d(p) + d(q) are on the same side, since the
 open balls around them, which do not meet the mesh, intersect. So few winding numbers are evaluated: `spread` passes
 signs from points to their neighbors, with distances rounded down.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jhd._arithmetic.rounding import gamma
+from jhd._arithmetic.scaling import common_exponent
+from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh, edges_of
+from jhd._shapes.patch import AbstractPatch
 from jhd._triangles.closest_point import (
     AbstractMeshSearch,
     ClosestPoints,
@@ -30,6 +37,8 @@ from jhd._triangles.winding import is_inside
 SIGNS = ("winding", "pseudonormal", "none")
 # Published averages of normals go with the published search alone.
 PUBLISHED_SIGN = "average"
+# Fraction of the tolerance of a field for its mesh, which gives about as many triangles as cells.
+MESH_SHARE = 0.25
 
 
 class Samples(NamedTuple):
@@ -75,6 +84,34 @@ class Surface(NamedTuple):
     def dtype(self) -> np.dtype:
         """The precision of the coordinates."""
         return np.asarray(self.mesh.vertices).dtype
+
+
+def meshed(shape: Any, tolerance: float, sign: str = "none") -> tuple[Any, float]:
+    """The mesh of a curved surface and its deviation, at most MESH_SHARE * tolerance; any other shape and 0.
+
+    Closed meshes are turned so that they face outward: a polynomial may be negative or positive inside.
+
+    Raises:
+        ValueError: as `to_mesh` of the surface, or a sign is asked for and the surface is open.
+        TypeError: the surface is traced.
+    """
+    if not isinstance(shape, AbstractPatch | ImplicitSurface):
+        return shape, 0.0
+    mesh, deviation = shape.to_mesh(MESH_SHARE * tolerance)
+    if sign != "none" and not mesh.is_closed:
+        raise ValueError("the surface is open, so it has no inside; the sign 'none' gives unsigned distances.")
+    if mesh.is_closed and _signed_volume(mesh) < 0:
+        mesh = TriangleMesh(mesh.vertices, np.asarray(mesh.triangles)[:, [0, 2, 1]])
+    return mesh, deviation
+
+
+def _signed_volume(mesh: TriangleMesh) -> float:
+    """A positive multiple of the enclosed volume, on the host."""
+    vertices = np.asarray(mesh.vertices, np.float64)
+    near = np.ldexp(vertices, -int(common_exponent(vertices)))
+    low = near.min(axis=0)
+    a, b, c = np.moveaxis((near - low)[np.asarray(mesh.triangles)], 1, 0)
+    return float(np.sum(a * np.cross(b, c)))
 
 
 def surface_of(mesh: TriangleMesh, sign: str = "winding", search: AbstractMeshSearch | None = None) -> Surface:
