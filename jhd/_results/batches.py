@@ -1,14 +1,16 @@
-"""Batches of solutions: one solution whose leaves have leading axes, as vmap returns it.
+"""Base classes of results: numbers with certified bounds, and solutions, single or in a batch.
 
-A batch can be indexed. Its text counts the entries that did not succeed.
+A batch is one solution whose leaves have leading axes, as vmap returns it. It can be indexed. Its text counts the
+entries that did not succeed. JSON and files hold nested dictionaries, lists, numbers and names.
 """
 
 import json
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import fields
 from html import escape
 from types import EllipsisType
-from typing import Any, NoReturn, TypeVar, cast
+from typing import Any, NoReturn, SupportsFloat, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -16,9 +18,8 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from jhd._results.display import is_read
+from jhd._results.display import fields_shown, is_read
 from jhd._results.outcomes import RESULTS, names_of
-from jhd._results.plain import to_plain
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import interval_text, lower_text, upper_text
 from jhd._runtime.jax_internals import to_device
@@ -96,6 +97,44 @@ class AbstractResult(eqx.Module):
     __lt__ = __le__ = __gt__ = __ge__ = _compared
 
 
+class AbstractBounds(AbstractResult):
+    """A number with certified bounds."""
+
+    value: eqx.AbstractVar[Array | float]
+    lower: eqx.AbstractVar[Array | float]
+    upper: eqx.AbstractVar[Array | float]
+
+    def __float__(self) -> float:
+        if is_traced(self.value):
+            raise TypeError("the number is traced and not known yet: use its `value` instead.")
+        return float(self.value)
+
+
+class Bounds(AbstractBounds):
+    """Certified bounds of a number.
+
+    `float(bounds)` is the midpoint. `f"{bounds:.3f}"` shows both bounds, rounded outward.
+
+    Args:
+        lower: the lower bound.
+        upper: the upper bound; inf if none is certified.
+    """
+
+    lower: float
+    upper: float
+
+    def __init__(self, lower: SupportsFloat, upper: SupportsFloat):
+        self.lower, self.upper = float(lower), float(upper)
+
+    @property
+    def value(self) -> float:
+        """Midpoint of the bounds; its error is at most half of `upper - lower`."""
+        return 0.5 * self.lower + 0.5 * self.upper
+
+    def __repr__(self) -> str:
+        return fields_shown(self, "lower", "upper")
+
+
 class AbstractOutcome(AbstractResult):
     """Result of an entry point with a code `result` that tells how it ended, or an array of codes."""
 
@@ -129,6 +168,29 @@ class AbstractSolution(AbstractOutcome):
             return jax.tree_util.tree_map(lambda x: x[entry], self)
         # On the host, where nothing is compiled.
         return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[entry], self))
+
+
+def stored_fields(value: eqx.Module) -> list[str]:
+    """The names of the fields of a result in files and JSON."""
+    return [field.metadata.get("name", field.name) for field in fields(value) if field.metadata.get("stored", True)]
+
+
+def to_plain(value: Any) -> Any:
+    """A result as nested dictionaries, lists, numbers and names, ready for JSON; non-finite numbers become None."""
+    if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
+        names = names_of(value)
+        return names if isinstance(names, str) else np.reshape(names, value._value.shape).tolist()
+    if isinstance(value, eqx.Module):
+        return {name: to_plain(getattr(value, name)) for name in stored_fields(value)}
+    if isinstance(value, dict):
+        return {name: to_plain(item) for name, item in value.items()}
+    if isinstance(value, jax.Array | np.ndarray):
+        return to_plain(np.asarray(value).tolist())
+    if isinstance(value, list | tuple):
+        return [to_plain(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
 
 
 def _bounded(solution: Any) -> Any:

@@ -12,10 +12,11 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jhd._results.batches import AbstractSolution, leaves_on_device, shown_many
+from jhd._results.batches import AbstractBounds, AbstractSolution, leaves_on_device, shown_many
+from jhd._results.batches import Bounds as Bounds
 from jhd._results.batches import on_device as on_device
-from jhd._results.bounds import AbstractBounds
-from jhd._results.bounds import Bounds as Bounds
+from jhd._results.batches import stored_fields as stored_fields
+from jhd._results.batches import to_plain as to_plain
 from jhd._results.display import is_read
 from jhd._results.outcomes import ANSWERS as ANSWERS
 from jhd._results.outcomes import DIRECTIONS as DIRECTIONS
@@ -24,8 +25,6 @@ from jhd._results.outcomes import RESULTS as RESULTS
 from jhd._results.outcomes import name_of as name_of
 from jhd._results.outcomes import names_of as names_of
 from jhd._results.outcomes import result_where as result_where
-from jhd._results.plain import stored_fields as stored_fields
-from jhd._results.plain import to_plain as to_plain
 from jhd._results.unproven import NotProvenError as NotProvenError
 from jhd._results.unproven import throw_unless_successful as throw_unless_successful
 from jhd._runtime.decimals import lower_text, point_text, upper_text

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jhd._results.bounds import Bounds
+from jhd._results.batches import Bounds
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.decimals import lower_text, upper_text

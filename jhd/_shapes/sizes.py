@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import equinox as eqx
 
-from jhd._results.bounds import Bounds
+from jhd._results.batches import Bounds
 from jhd._shapes.checks import Numbers
 
 SIZE_OF: dict[str, Callable[..., Bounds]] = {}

@@ -31,8 +31,7 @@ from jhd._distance.statistics.distances_along import check_size, common_scale, d
 from jhd._distance.statistics.error_control import Estimated
 from jhd._distance.statistics.pointwise import Sight
 from jhd._distance.statistics.quantiles import quantile_beside, quantile_of, quantile_over
-from jhd._results.batches import AbstractSolution, shown_many
-from jhd._results.bounds import AbstractBounds, Bounds
+from jhd._results.batches import AbstractBounds, AbstractSolution, Bounds, shown_many
 from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd._results.unproven import relative_tolerance
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated, whole
