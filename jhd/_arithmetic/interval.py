@@ -199,10 +199,9 @@ class Interval(eqx.Module):
             raise TypeError(f"exponent must be an integer; it is {exponent!r}.") from error
         if exponent < 0:
             return 1.0 / self**-exponent
-        if exponent % 2 == 0:
-            size = abs(self)
-            return Interval(_power_down(size.lower, exponent), _power_up(size.upper, exponent))
-        return Interval(-_odd_power_up(-self.lower, exponent), _odd_power_up(self.upper, exponent))
+        base = self if exponent % 2 else abs(self)
+        low, high = (_power(Interval(end, end), exponent) for end in (base.lower, base.upper))
+        return Interval(low.lower, high.upper)
 
     def square(self) -> "Interval":
         """The range of x**2, never below zero."""
@@ -290,25 +289,9 @@ def _hull_of_ends(operation: Callable[[Array, Array], Array], a: Interval, b: In
     )
 
 
-def _power_down(x: Array, exponent: int) -> Array:
-    """Lower bound of x**exponent for x >= 0, by repeated squaring, each product rounded down."""
-    return _power(x, exponent, lambda a, b: jnp.maximum(rounding.round_down(a * b), 0.0))
-
-
-def _power_up(x: Array, exponent: int) -> Array:
-    """Upper bound of x**exponent for x >= 0; exact zeros stay."""
-    return _power(x, exponent, lambda a, b: jnp.where((a == 0) | (b == 0), 0.0, rounding.round_up(a * b)))
-
-
-def _power(x: Array, exponent: int, product: Callable[[Array, Array], Array]) -> Array:
+def _power(x: Interval, exponent: int) -> Interval:
+    """The power by repeated squaring, for x of one sign."""
     if exponent <= 1:
-        return x if exponent else jnp.ones_like(x)
-    half = _power(x, exponent // 2, product)
-    squared = product(half, half)
-    return product(squared, x) if exponent % 2 else squared
-
-
-def _odd_power_up(x: Array, exponent: int) -> Array:
-    """Upper bound of x**exponent for odd exponents and either sign."""
-    positive, negative = jnp.maximum(x, 0.0), jnp.maximum(-x, 0.0)
-    return jnp.where(x > 0, _power_up(positive, exponent), -_power_down(negative, exponent))
+        return x if exponent else Interval.exact(jnp.ones_like(x.lower))
+    half = _power(x, exponent // 2)
+    return half * half * x if exponent % 2 else half * half
