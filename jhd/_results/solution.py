@@ -154,8 +154,7 @@ class HausdorffSolution(AbstractBounds, AbstractSolution):
         return self.witness.direction
 
     def __repr__(self) -> str:
-        many = shown_many(self, "value")
-        if many is not None:
+        if many := shown_many(self, "value"):
             return many
         place = point_text(self.witness.point)
         return (
@@ -189,8 +188,7 @@ class MinimumSolution(AbstractBounds, AbstractSolution):
     stats: dict[str, Array]
 
     def __repr__(self) -> str:
-        many = shown_many(self, "value")
-        if many is not None:
+        if many := shown_many(self, "value"):
             return many
         places = point_text(self.point_a), point_text(self.point_b)
         return (
@@ -222,8 +220,7 @@ class Projection(AbstractSolution):
     result: RESULTS
 
     def __repr__(self) -> str:
-        many = shown_many(self, "distance")
-        if many is not None:
+        if many := shown_many(self, "distance"):
             return many
         foot = point_text(self.foot)
         bounds = f"lower={lower_text(self.lower)}, upper={upper_text(self.upper)}"
@@ -254,8 +251,7 @@ class StationaryPoints(AbstractSolution):
     result: RESULTS
 
     def __repr__(self) -> str:
-        many = shown_many(self, "distance")
-        if many is not None:
+        if many := shown_many(self, "distance"):
             return many
         numbers = np.asarray(self.distance)[np.asarray(self.valid)].tolist()
         return f"StationaryPoints(distance={numbers}, {name_of(self.result)})"
@@ -277,8 +273,7 @@ class CriticalPairs(AbstractSolution):
     result: RESULTS
 
     def __repr__(self) -> str:
-        many = shown_many(self, "value")
-        if many is not None:
+        if many := shown_many(self, "value"):
             return many
         numbers = np.asarray(self.value)[np.asarray(self.valid)].tolist()
         return f"CriticalPairs(value={numbers}, {name_of(self.result)})"
@@ -324,8 +319,7 @@ class Decision(AbstractSolution):
         return bool(self.answer == ANSWERS.yes)
 
     def __repr__(self) -> str:
-        many = shown_many(self, "lower")
-        if many is not None:
+        if many := shown_many(self, "lower"):
             return many
         ends = f"lower={lower_text(self.lower)}, upper={upper_text(self.upper)}"
         return f"Decision({name_of(self.answer)}, {ends}, {name_of(self.result)}, distance={self.distance})"

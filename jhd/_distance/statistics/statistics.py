@@ -63,8 +63,7 @@ class StatisticSolution(AbstractBounds, AbstractSolution):
     result: RESULTS
 
     def __repr__(self) -> str:
-        many = shown_many(self, "value")
-        if many is not None:
+        if many := shown_many(self, "value"):
             return many
         numbers = f"{float(self.value):.9g} in {interval_text(self.lower, self.upper, '.9g')}"
         return f"StatisticSolution({numbers}, {name_of(self.direction)}, {name_of(self.result)})"
