@@ -23,7 +23,7 @@ from jaxtyping import Array
 
 from jhd._arithmetic.scaling import length, unit_weights
 from jhd._distance.nearest.blocks import blocks_of, in_groups, is_long, nearest_in_blocks, places
-from jhd._distance.nearest.curves import NearestOnCurve, in_chunks, repeated
+from jhd._distance.nearest.curves import NearestOnCurve, repeated
 from jhd._distance.nearest.feet import is_held
 from jhd._distance.nearest.stationarity import roots_on
 from jhd._distance.normalization.coordinates import (
@@ -43,7 +43,7 @@ from jhd._distance.project_methods import AbstractProjectionMethod, BestFirstPro
 from jhd._distance.witness.active import stationary
 from jhd._distance.witness.derivative import projection_with_derivatives, stationary_with_derivatives
 from jhd._results.solution import RESULTS, Projection, StationaryPoints, on_device, result_where, unchecked
-from jhd._runtime.arrays import bound, is_tracing, module_of, on_host, undifferentiated
+from jhd._runtime.arrays import bound, in_chunks, is_tracing, module_of, on_host, undifferentiated
 from jhd._runtime.compiled import calls_host, compiled, optimized
 from jhd._runtime.sharding import is_partitioned
 from jhd._shapes.checks import usable_numbers

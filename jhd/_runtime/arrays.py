@@ -2,7 +2,7 @@
 
 import numbers
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar, cast
 
 import jax
@@ -96,6 +96,19 @@ def varying(values: Any, *sources: object) -> Any:
         return jax.lax.pcast(x, lacking, to="varying") if lacking else x
 
     return jax.tree_util.tree_map(marked, values)
+
+
+def in_chunks(function: Callable[[Any], Any], rows: Any, chunk: int) -> Any:
+    """Apply the function to every row (first axis of all leaves), in batches of `chunk` rows.
+
+    Rows are repeated up to whole chunks: a remainder would be compiled a second time.
+    """
+    count = jax.tree_util.tree_leaves(rows)[0].shape[0]
+    if count <= chunk:
+        return jax.vmap(function)(rows)
+    index = np.minimum(np.arange(-(-count // chunk) * chunk), count - 1).reshape(-1, chunk)
+    found = jax.lax.map(jax.vmap(function), jax.tree_util.tree_map(lambda x: x[index], rows))
+    return jax.tree_util.tree_map(lambda x: x.reshape((-1, *x.shape[2:]))[:count], found)
 
 
 def bare_array(name: str, value: Any) -> np.ndarray:

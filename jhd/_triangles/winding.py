@@ -22,15 +22,15 @@ a node is a ratio of distances in place of our bound; van Oosterom & Strackee, T
 
 import math
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from jhd._arithmetic.rationals import root_between
 from jhd._arithmetic.rounding import gamma, smallest_normal
+from jhd._runtime.arrays import in_chunks
 from jhd._runtime.compiled import optimized
 from jhd._shapes.mesh import TriangleMesh, edges_of
 from jhd._shapes.prepared import prepared
@@ -377,10 +377,6 @@ def _known_angles(corners: Array, point: Array) -> tuple[Array, Array]:
 
 def summed_angles(corners: Float[Array, "triangles corners 3"], points: Float[Array, "points 3"]) -> Array:
     """Winding numbers of points from all triangles, in blocks; for use under tracing, without a bound."""
-    count = corners.shape[0]
-    # Triangles whose solid angles are formed at once under tracing.
-    size = max(1, min(points.shape[0], (1 << 16) // count))
-    index = np.minimum(np.arange(-(-points.shape[0] // size) * size), points.shape[0] - 1)
-    rows = points[index].reshape(-1, size, 3)
-    found: Any = lax.map(lambda p: jnp.sum(solid_angles(corners - p[:, None, None, :])[0], axis=-1), rows)
-    return found.reshape(-1)[: points.shape[0]]
+    # Triangles whose solid angles are formed at once.
+    chunk = max(1, (1 << 16) // corners.shape[0])
+    return in_chunks(lambda point: jnp.sum(solid_angles(corners - point)[0]), points, chunk)

@@ -23,13 +23,10 @@ Source: the hull bound and its quadratic convergence are in Farouki & Rajan, CAG
 """
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -162,19 +159,6 @@ def segment_bounds(point: Array, control_points: Array, weights: Array | None) -
 def _resolution(degree: int, dim: int, size: Array) -> Array:
     """Return the smallest gap of a search, eight times the rounding error of a distance for offsets of this size."""
     return 8 * (math.sqrt(dim) * gamma(3 * degree + 8, size.dtype) * size + _flushed(degree, size.dtype))
-
-
-def in_chunks(function: Callable[[Any], Any], rows: Any, chunk: int) -> Any:
-    """Apply the function to every row (first axis of all leaves), in batches of `chunk` rows.
-
-    Rows are repeated up to whole chunks: a remainder would be compiled a second time.
-    """
-    count = jax.tree_util.tree_leaves(rows)[0].shape[0]
-    if count <= chunk:
-        return jax.vmap(function)(rows)
-    index = np.minimum(np.arange(-(-count // chunk) * chunk), count - 1).reshape(-1, chunk)
-    found = jax.lax.map(jax.vmap(function), jax.tree_util.tree_map(lambda x: x[index], rows))
-    return jax.tree_util.tree_map(lambda x: x.reshape((-1, *x.shape[2:]))[:count], found)
 
 
 def repeated(control_points: Array, weights: Array | None) -> Bool[Array, " segments"]:

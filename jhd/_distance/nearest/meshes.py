@@ -14,7 +14,7 @@ from jaxtyping import Array
 from jhd._arithmetic.rounding import largest, round_down, round_up, smallest_normal
 from jhd._arithmetic.scaling import common_exponent, ldexp, times_two_to
 from jhd._results.solution import RESULTS, Projection, result_where
-from jhd._runtime.arrays import is_traced, undifferentiated, varying
+from jhd._runtime.arrays import in_chunks, is_traced, undifferentiated, varying
 from jhd._shapes.mesh import TriangleMesh
 from jhd._triangles.closest_point import AbstractMeshSearch, ClosestPoints, closest_points
 from jhd._triangles.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
@@ -94,29 +94,18 @@ def _traced(points: Array, mesh: TriangleMesh) -> Projection:
 
 def _all_pairs(points: Array, table: Array) -> tuple[Array, Array]:
     """Return the least squared distances over all rows of the table, and the first row that attains each."""
-    blocks = _blocks(table, _TRIANGLES)
-    starts = jnp.arange(blocks.shape[0]) * blocks.shape[1]
+    # The last row is repeated to fill the last block.
+    count, size = table.shape[0], min(_TRIANGLES, table.shape[0])
+    index = np.minimum(np.arange(-(-count // size) * size), count - 1).reshape(-1, size)
 
-    def of_chunk(chunk: Array) -> tuple[Array, Array]:
+    def of_point(point: Array) -> tuple[Array, Array]:
         def step(best: tuple[Array, Array], block: tuple[Array, Array]) -> tuple[tuple[Array, Array], None]:
-            rows, start = block
-            squares = squared_distances(chunk[:, None, :], rows)
-            index = jnp.argmin(squares, axis=1)
-            least = jnp.min(squares, axis=1)
-            better = least < best[0]
-            return (jnp.where(better, least, best[0]), jnp.where(better, start + index, best[1])), None
+            squares = squared_distances(point, block[0])
+            found = jnp.min(squares), block[1] + jnp.argmin(squares)
+            better = found[0] < best[0]
+            return (jnp.where(better, found[0], best[0]), jnp.where(better, found[1], best[1])), None
 
-        start = (jnp.full(chunk.shape[0], jnp.inf, chunk.dtype), jnp.zeros(chunk.shape[0], int))
-        return lax.scan(step, varying(start, chunk, table), (blocks, starts))[0]
+        start = jnp.array(jnp.inf, point.dtype), jnp.array(0)
+        return lax.scan(step, varying(start, point, table), (table[index], jnp.asarray(index[:, 0])))[0]
 
-    square, index = lax.map(of_chunk, _blocks(points, _POINTS))
-    count = points.shape[0]
-    return square.reshape(-1)[:count], jnp.minimum(index.reshape(-1)[:count], table.shape[0] - 1)
-
-
-def _blocks(rows: Array, most: int) -> Array:
-    """Return the rows in blocks of equal length; the last row is repeated to fill the last block."""
-    count = rows.shape[0]
-    size = min(most, count)
-    index = np.minimum(np.arange(-(-count // size) * size), count - 1)
-    return rows[index].reshape(-1, size, rows.shape[-1])
+    return in_chunks(of_point, points, _POINTS)

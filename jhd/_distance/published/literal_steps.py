@@ -19,11 +19,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd._distance.nearest.curves import in_chunks
 from jhd._distance.nearest.stationarity import roots_on
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import CurvePlace, piece_of
 from jhd._distance.published.refinement import RefinedPair, lengths
+from jhd._runtime.arrays import in_chunks
 from jhd._shapes.curve import BezierSegments
 
 # Samples searched side by side.

@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd._distance.nearest.curves import NearestOnCurve, in_chunks, nearest, repeated
+from jhd._distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd._distance.normalization.coordinates import Frame
 from jhd._distance.normalization.curves import evaluation_error
 from jhd._distance.normalization.jets import jet
@@ -34,7 +34,7 @@ from jhd._distance.published.literal_steps import published_candidates
 from jhd._distance.published.refinement import COARSE, Bracket, RefinedPair, candidates, lengths
 from jhd._distance.witness.events import describe
 from jhd._results.solution import RESULTS, HausdorffSolution
-from jhd._runtime.arrays import check_whole, varying
+from jhd._runtime.arrays import check_whole, in_chunks, varying
 from jhd._shapes.curve import BezierSegments
 
 

@@ -23,7 +23,7 @@ from jaxtyping import Array
 from jhd._distance.cells.branches import CurveBound, CurveCell, cell_upper_bound, first_upper_bound
 from jhd._distance.nearest.blocks import Blocks
 from jhd._distance.nearest.chords import Chords
-from jhd._distance.nearest.curves import NearestOnCurve, in_chunks, repeated
+from jhd._distance.nearest.curves import NearestOnCurve, repeated
 from jhd._distance.nearest.feet import equation, gauss_newton, nearest_passed
 from jhd._distance.nearest.near_curve import NearCurve
 from jhd._distance.normalization.coordinates import diagonal, extremes
@@ -33,7 +33,7 @@ from jhd._distance.normalization.pieces import CurvePlace, piece_of
 from jhd._distance.normalization.stopping import Aim, Wanted, default_tolerance
 from jhd._distance.search.refined_witness import SearchedPlace, refined
 from jhd._results.solution import RESULTS, HausdorffSolution, result_where
-from jhd._runtime.arrays import varying
+from jhd._runtime.arrays import in_chunks, varying
 from jhd._shapes.curve import BezierSegments
 
 # Cells bounded in one step: two waste the vector units, eight bound cells that the first four would have closed.

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd._distance.nearest.curves import in_chunks, nearest, repeated
+from jhd._distance.nearest.curves import nearest, repeated
 from jhd._distance.nearest.feet import by_normal, follow_foot
 from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import CurvePlace, piece_of, preceding
@@ -20,7 +20,7 @@ from jhd._distance.witness import active
 from jhd._distance.witness.ends import Around, around
 from jhd._distance.witness.events import ZERO, describe
 from jhd._results.solution import DIRECTIONS, EVENTS, Witness
-from jhd._runtime.arrays import varying
+from jhd._runtime.arrays import in_chunks, varying
 from jhd._shapes.curve import BezierSegments
 
 # Samples of the curve that carries the maxima, shared among its segments within these limits for each.
