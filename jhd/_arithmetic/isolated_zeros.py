@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jhd._arithmetic import exact_polynomials
+from jhd._arithmetic.polynomials import ORDERS, SYMMETRIC, powers
 
 # Starts along each free axis, Newton steps in floating point and in exact arithmetic, and its bits.
 _STARTS, _STEPS, _EXACT_STEPS, _BITS = 5, 10, 4, 240
@@ -218,7 +219,8 @@ def _radius(value: Fraction, slopes: list[Fraction], curved: Fraction, rising: l
 
 def _candidates(a: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Points with nearly zero value and gradient and a definite Hessian, each with the coordinates that faces hold."""
-    x, held = _starts(lower, upper)
+    shares, held = (x.T for x in strata(_STARTS))
+    x = np.where(shares == 1, upper, lower + (upper - lower) * shares)
     for k in range(_STEPS):
         value, slope, bent = _jets(a, x)
         if k == _LOOK:
@@ -240,17 +242,19 @@ def _candidates(a: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[tup
     return [(x[good][k], held[good][k]) for k in first]
 
 
-def _starts(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Start points inside the box, on its faces, edges and corners, and masks of the coordinates held there."""
-    inner = lower + (upper - lower) * ((np.arange(_STARTS)[:, None] + 0.5) / _STARTS)
+def strata(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (3, points) in the unit cube, on its faces, edges and corners, and a mask of the coordinates held there.
+
+    Along each free axis there are `count` points.
+    """
+    inner = (np.arange(count) + 0.5) / count
     rows, held = [], []
-    for stratum in product((0, 1, 2), repeat=3):
-        axes = [[low] if s == 0 else [high] if s == 2 else inner[:, k]
-                for k, (s, low, high) in enumerate(zip(stratum, lower, upper, strict=True))]  # fmt: skip
-        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    for stratum in np.ndindex(2, 2, 2):
+        axes = [np.array([0.0, 1.0]) if h else inner for h in stratum]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
         rows.append(grid)
-        held.append(np.broadcast_to(np.array(stratum) != 1, grid.shape))
-    return np.concatenate(rows), np.concatenate(held)
+        held.append(np.broadcast_to(np.array(stratum, bool)[:, None], grid.shape))
+    return np.concatenate(rows, axis=1), np.concatenate(held, axis=1)
 
 
 def _newton(slope: np.ndarray, bent: np.ndarray, held: np.ndarray) -> np.ndarray:
@@ -264,22 +268,9 @@ def _newton(slope: np.ndarray, bent: np.ndarray, held: np.ndarray) -> np.ndarray
 
 def _jets(a: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values, gradients and second derivatives at rows of points."""
-    tables = []
-    for axis in range(3):
-        n = a.shape[axis]
-        powers = x[:, axis, None] ** np.arange(n)
-        first = np.pad(powers[:, :-1] * np.arange(1, n), [(0, 0), (1, 0)])
-        second = np.pad(first[:, :-1] * np.arange(1, n), [(0, 0), (1, 0)])
-        tables.append((powers, first, second))
-    flat = a.reshape(a.shape[0], -1)
-    along = [(row @ flat).reshape(len(x), *a.shape[1:]) for row in tables[0]]
-
-    def derivative(i: int, j: int, k: int) -> np.ndarray:
-        plane = np.einsum("lj,ljk->lk", tables[1][j], along[i])
-        return np.einsum("lk,lk->l", tables[2][k], plane)
-
-    slope = np.stack([derivative(1, 0, 0), derivative(0, 1, 0), derivative(0, 0, 1)], axis=1)
-    xx, yy, zz = derivative(2, 0, 0), derivative(0, 2, 0), derivative(0, 0, 2)
-    xy, xz, yz = derivative(1, 1, 0), derivative(1, 0, 1), derivative(0, 1, 1)
-    bent = np.stack([np.stack(row, axis=1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))], axis=1)
-    return derivative(0, 0, 0), slope, bent
+    along = powers(x.T, max(a.shape), 2)
+    # Matrix products here and not `polynomials.jets`, whose sums form all products at once.
+    found = np.einsum("oil,ijk->ojkl", along[:, : a.shape[0], 0], a, optimize=True)
+    found = np.einsum("pjl,ojkl->opkl", along[:, : a.shape[1], 1], found)
+    found = np.einsum("qkl,opkl->opql", along[:, : a.shape[2], 2], found)[tuple(ORDERS.T)]
+    return found[0], found[1:4].T, np.moveaxis(found[4 + SYMMETRIC], -1, 0)

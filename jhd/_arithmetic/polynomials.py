@@ -4,7 +4,7 @@ Entry [i, j, k] of the coefficients belongs to x^i y^j z^k. Points have their co
 axes or none. Nothing is enclosed here; see `jhd._arithmetic.trivariate` for ranges and `horner` for roundings.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,13 +12,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd._arithmetic.scaling import frexp, scale_of
+from jhd._runtime.arrays import module_of
 
 # Second derivatives xx, yy, zz, xy, xz, yz as a matrix.
 SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 # Orders of the derivatives along x, y, z in the order of a jet: the value, the gradient, then as SYMMETRIC counts.
-_ORDERS = np.array(
+ORDERS = np.array(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 0], [1, 0, 1], [0, 1, 1]]
 )
 _VALUE, _SLOPE = 1, 4
@@ -47,9 +48,9 @@ def slopes(coefficients: Float[Array, "i j k"], points: Float[Array, "3 ..."]) -
 def _derivatives_at(coefficients: Array, points: Array, order: int) -> Array:
     """The derivatives up to an order in the first axis, by sums along z, then y, then x, for all of them at once."""
     shape = coefficients.shape
-    powers = _powers(points, max(shape), order)
-    x, y, z = (powers[:, : shape[axis], axis] for axis in range(3))
-    wanted = _ORDERS[_ORDERS.sum(axis=1) <= order]
+    along = powers(points, max(shape), order)
+    x, y, z = (along[:, : shape[axis], axis] for axis in range(3))
+    wanted = ORDERS[ORDERS.sum(axis=1) <= order]
     planes, plane = np.unique(wanted[:, 1:], axis=0, return_inverse=True)
     # Sums keep the batch axis of vmap in front; a matrix product may move it; see jhd._distance.witness.active.
     rows = coefficients.reshape(*shape, *(1,) * (points.ndim - 1))
@@ -58,16 +59,17 @@ def _derivatives_at(coefficients: Array, points: Array, order: int) -> Array:
     return jnp.sum(along_y[plane.reshape(-1)] * x[wanted[:, 0]], axis=1)
 
 
-def _powers(x: Array, count: int, order: int) -> Array:
+def powers(x: Any, count: int, order: int) -> Any:
     """The powers and their derivatives up to an order, (order + 1, count, ...): products of squares of squares."""
+    xp = module_of(x)
     exponent = np.arange(count) - np.arange(order + 1)[:, None]
     factor = np.ones(exponent.shape)
     for below in range(order):
         factor[below + 1 :] *= (np.arange(count) - below).clip(0)
     shape = (*exponent.shape, *(1,) * x.ndim)
-    result = jnp.broadcast_to(jnp.asarray(factor.reshape(shape), x.dtype), (*exponent.shape, *x.shape))
+    result = xp.broadcast_to(xp.asarray(factor.reshape(shape), x.dtype), (*exponent.shape, *x.shape))
     for bit in range(int(exponent.max()).bit_length()):
-        result = result * jnp.where((exponent.clip(0) >> bit & 1).astype(bool).reshape(shape), x, 1.0)
+        result = result * xp.where((exponent.clip(0) >> bit & 1).astype(bool).reshape(shape), x, 1.0)
         x = x * x
     return result
 

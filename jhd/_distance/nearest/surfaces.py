@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jhd._arithmetic.isolated_zeros import strata
 from jhd._arithmetic.rounding import gamma, like_double, round_up, smallest_normal, unit_roundoff
 from jhd._distance.nearest.forms import Boxes, Form, box_distances, boxes, finite_or_zero, form, lower_bounds, positive
 from jhd._distance.nearest.surface_points import local_feet, projected, proven_radius, reach, thorough_radius
@@ -91,23 +92,11 @@ def starts_of_cloud(side: Side) -> tuple[Any, Any]:
     """Return start points (3, points) of a cloud, and a mask of their fixed coordinates; in NumPy if the box is."""
     xp = module_of(side.lower)
     lower, upper = xp.asarray(side.lower)[:, None], xp.asarray(side.upper)[:, None]
-    shares, fixed = _places()
+    shares, fixed = strata(_PLACES)
     shares = shares.astype(lower.dtype)
     starts = xp.where(shares == 0, lower, xp.where(shares == 1, upper, lower + (upper - lower) * shares))
     known = xp.asarray(side.isolated.center).T
     return xp.concatenate([starts, known], axis=1), np.concatenate([fixed, np.ones(known.shape, bool)], axis=1)
-
-
-def _places() -> tuple[np.ndarray, np.ndarray]:
-    """Return points in the unit cube, on its faces, edges and corners, and a mask of the coordinates that these fix."""
-    inner = (np.arange(_PLACES) + 0.5) / _PLACES
-    rows, fixed = [], []
-    for held in np.ndindex(2, 2, 2):
-        axes = [np.array([0.0, 1.0]) if h else inner for h in held]
-        grid = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
-        rows.append(grid)
-        fixed.append(np.broadcast_to(np.array(held, bool)[:, None], grid.shape))
-    return np.concatenate(rows, axis=1), np.concatenate(fixed, axis=1)
 
 
 def halved(lower: Float[Any, "3 cells"], upper: Float[Any, "3 cells"]) -> tuple[Any, Any]:
