@@ -24,22 +24,8 @@ import numpy as np
 from jhd._arithmetic import exact_polynomials
 from jhd._arithmetic.polynomials import ORDERS, SYMMETRIC, powers
 
-# Starts along each free axis, Newton steps in floating point and in exact arithmetic, and its bits.
-_STARTS, _STEPS, _EXACT_STEPS, _BITS = 5, 10, 4, 240
-# After _LOOK steps, starts with values above _PROMISING are dropped.
-_LOOK, _PROMISING = 4, 1e-2
-# Largest relative value that may be zero; smallest relative eigenvalue that is not due to rounding.
-_SMALL, _DEFINITE = 1e-9, 1e-5
-# Points closer than this count as one; a rational coordinate has at most this denominator.
-_SAME, _SIMPLE = 1e-6, 1 << 20
-# The first half side of a cube as a fraction of the box, and how often it is halved.
-_FIRST, _HALVINGS = 0.5, 24
-# Largest radius, as a fraction of the box, that counts as isolated: signs resolve larger parts of a surface.
-_SMALLEST_CAP = 1e-6
-# Bounds of sqrt(k), k = 0, 1, 2, 3: the distance from the middle of a cube to a corner, in half sides.
-_LONG = Fraction(0), Fraction(1), Fraction(3, 2), Fraction(7, 4)
-# Factor that covers the rounding of sums of floats.
-_ROOM = 1 + 1e-9
+# Points closer than this count as one.
+_SAME = 1e-6
 
 
 class IsolatedZero(NamedTuple):
@@ -100,7 +86,7 @@ def _slope(polynomial: np.ndarray, axis: int) -> int:
 def _sharpened(polynomial: np.ndarray, place: list[Fraction], inward: list[int]) -> list[Fraction]:
     """Refine a point by exact Newton steps until its gradient along the free coordinates is zero to many digits."""
     free = [axis for axis in range(3) if not inward[axis]]
-    for _ in range(_EXACT_STEPS if free else 0):
+    for _ in range(4 if free else 0):
         here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
         unit = max(abs(x) for x in here.flat)
         bent = np.array([[float(Fraction(x, unit)) for x in row] for row in _hessian(here, free)])
@@ -111,7 +97,7 @@ def _sharpened(polynomial: np.ndarray, place: list[Fraction], inward: list[int])
         step = np.linalg.solve(bent, [float(x / size) for x in slope])
         place = list(place)
         for axis, move in zip(free, step, strict=True):
-            place[axis] = Fraction(round((place[axis] - size * Fraction(float(move))) * (1 << _BITS)), 1 << _BITS)
+            place[axis] = Fraction(round((place[axis] - size * Fraction(float(move))) * 2**240), 2**240)
     return place
 
 
@@ -150,8 +136,8 @@ def _about(
     if least is None or any(x <= 0 for x in rising):
         return None
     size = float(max(upper - lower))
-    for power in range(_HALVINGS):
-        half = Fraction(_FIRST * size) / (1 << power)
+    for power in range(24):
+        half = Fraction(0.5 * size) / (1 << power)
         bent, falling = _rest(here, abs(unit), inward, half)
         if all(2 * x < y for x, y in zip(falling, rising, strict=True)) and (not free or 4 * bent <= least):
             break
@@ -163,7 +149,8 @@ def _about(
     # A point on a face counts as inside: the box extends away from that face.
     inside = all(place[k] in ends[k] or min(place[k] - ends[k][0], ends[k][1] - place[k]) > 2 * radius for k in free)
     thick = all(upper[k] - lower[k] > 2 * radius for k in range(3))
-    if radius >= min(0.25 * float(half), _SMALLEST_CAP * size) or not (inside and thick):
+    # A larger radius does not count as isolated: signs resolve larger parts of a surface.
+    if radius >= min(0.25 * float(half), 1e-6 * size) or not (inside and thick):
         return None
     return IsolatedZero(place, float(half), radius, value < 0 or (value == 0 and not any(slopes)))
 
@@ -189,7 +176,8 @@ def _least_eigenvalue(matrix: list[list[Fraction]]) -> Fraction | None:
 def _rest(here: np.ndarray, unit: int, inward: list[int], half: Fraction) -> tuple[Fraction, list[Fraction]]:
     """Bounds of the higher terms in the cube: of terms in t alone divided by |t|^2, of the others divided by each n."""
     held = [axis for axis in range(3) if inward[axis]]
-    long = half * _LONG[3 - len(held)]
+    # Bounds of sqrt(k), k = 0, 1, 2, 3: the distance from the middle of a cube to a corner, in half sides.
+    long = half * (Fraction(0), Fraction(1), Fraction(3, 2), Fraction(7, 4))[3 - len(held)]
     bent, falling = Fraction(0), {axis: Fraction(0) for axis in held}
     for power in product(*map(range, here.shape)):
         degree, size = sum(power), abs(Fraction(int(here[power]), unit))
@@ -214,30 +202,33 @@ def _radius(value: Fraction, slopes: list[Fraction], curved: Fraction, rising: l
     along = (float(square) ** 0.5 + float(under) ** 0.5) / (2 * float(curved)) + tiny
     inward = max(float(square / (4 * curved) - value), 0.0)
     away = [inward / float(x) + tiny for x in rising]
-    return float(np.sqrt(along**2 + sum(x**2 for x in away))) * _ROOM
+    # The factor covers the rounding of sums of floats.
+    return float(np.sqrt(along**2 + sum(x**2 for x in away))) * (1 + 1e-9)
 
 
 def _candidates(a: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Points with nearly zero value and gradient and a definite Hessian, each with the coordinates that faces hold."""
-    shares, held = (x.T for x in strata(_STARTS))
+    shares, held = (x.T for x in strata(5))
     x = np.where(shares == 1, upper, lower + (upper - lower) * shares)
-    for k in range(_STEPS):
+    for k in range(10):
         value, slope, bent = _jets(a, x)
-        if k == _LOOK:
-            x, held, slope, bent = (row[np.abs(value) <= _PROMISING] for row in (x, held, slope, bent))
+        # Starts whose values are still large are dropped.
+        if k == 4:
+            x, held, slope, bent = (row[np.abs(value) <= 1e-2] for row in (x, held, slope, bent))
         move = _newton(np.where(held, 0.0, slope), bent, held)
         long = 0.3 * np.max(upper - lower) / np.maximum(np.linalg.norm(move, axis=1), 1e-300)
         x = np.where(held, x, np.clip(x - move * np.minimum(1.0, long)[:, None], lower, upper))
     value, slope, bent = _jets(a, x)
     size = np.max(np.abs(bent), axis=(1, 2)) + np.max(np.abs(slope), axis=1)
     values = np.linalg.eigvalsh(np.where(held[:, :, None] | held[:, None], 0.0, bent))
-    least = _DEFINITE * size[:, None] + 1e-300
+    # Smaller eigenvalues may be due to rounding, and smaller values and slopes zero.
+    least, small = 1e-5 * size[:, None] + 1e-300, 1e-9 * size
     # Held coordinates add eigenvalues zero.
     count = 3 - np.sum(held, axis=1)
     definite = (np.sum(values > least, axis=1) == count) | (np.sum(values < -least, axis=1) == count)
-    flat = np.max(np.where(held, 0.0, np.abs(slope)), axis=1) <= _SMALL * size
+    flat = np.max(np.where(held, 0.0, np.abs(slope)), axis=1) <= small
     inside = np.all(held | ((x > lower) & (x < upper)), axis=1)
-    good = definite & flat & inside & (np.abs(value) <= _SMALL * size)
+    good = definite & flat & inside & (np.abs(value) <= small)
     _, first = np.unique(np.round(x[good] / (_SAME * np.max(upper - lower))), axis=0, return_index=True)
     return [(x[good][k], held[good][k]) for k in first]
 

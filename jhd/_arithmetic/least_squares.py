@@ -12,12 +12,6 @@ from jaxtyping import Float
 
 from jhd._arithmetic.rounding import smallest_normal
 
-# The pull on an unknown below which it does not enter, of equations of order one; values below the second are zero.
-_PULL = 1e-14
-_VANISHING = 1e-15
-# Columns beyond which the basis is first searched by the normal equations.
-_FEW = 24
-
 
 def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndarray, " rows"]) -> Any:
     """The x >= 0 for which |matrix x - right| is least; the columns of its positive entries are independent.
@@ -28,7 +22,7 @@ def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndar
     # LAPACK would write errors about these to standard error.
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
         return start
-    if matrix.shape[1] > _FEW:
+    if matrix.shape[1] > 24:
         # For many columns the basis is first searched by the normal equations, which lose digits but take little time.
         products, sums = matrix.T @ matrix, matrix.T @ right
         found = _entering(matrix, right, start, lambda basic: np.linalg.solve(products[basic][:, basic], sums[basic]))
@@ -50,7 +44,8 @@ def _entering(
             pull = matrix.T @ (right - matrix @ x)
             pull[basic] = -np.inf
             new = int(np.argmax(pull))
-            if basic.all() or pull[new] <= _PULL:
+            # Equations are of order one; an unknown with a smaller pull does not enter.
+            if basic.all() or pull[new] <= 1e-14:
                 break
             basic[new] = True
             x = _within(x, basic, solved)
@@ -71,7 +66,7 @@ def _within(x: np.ndarray, basic: np.ndarray, solved: Callable[[np.ndarray], np.
             return z
         share = np.min(x[low] / np.maximum(x[low] - z[low], smallest_normal(x.dtype)))
         x = x + share * (z - x)
-        basic &= x > _VANISHING
+        basic &= x > 1e-15
         x[~basic] = 0.0
         if not basic.any():
             return x

@@ -31,10 +31,6 @@ _BOXES = 1 << 14
 # Weights of the corners of a box at the corners of its parts: (part, corner, corner of the box).
 _HALVES = (CORNERS[:, None] + CORNERS[None]) / 2
 _PARTS = np.prod(np.where(CORNERS == 1, _HALVES[:, :, None], 1 - _HALVES[:, :, None]), axis=3)
-# Roundings of values and positions of parts, some for each halving down to the last place, and of the bound.
-_ROUNDINGS = 1024
-# The worst boxes are split first, at most 1 / _SHARE of the largest number of boxes together.
-_SHARE = 64
 
 
 class LeafBoxes(NamedTuple):
@@ -79,7 +75,8 @@ def largest_error(surface: Surface, boxes: LeafBoxes, rtol: float, most: int) ->
         open_ = bounds > (1 + rtol) * seen
         done = max(done, float(np.max(bounds[~open_], initial=0.0)))
         boxes, bounds = boxes.take(open_), bounds[open_]
-        room = min(most // _SHARE, (most - spent) // 8)
+        # At most this many boxes are split together.
+        room = min(most // 64, (most - spent) // 8)
         if not len(bounds) or room < 1 or boxes.width.min() < slack:
             return float(round_up(np.float64(max(done, float(np.max(bounds, initial=0.0))) + slack)))
         # The worst first: then the bounds left when the room ends are as small as possible.
@@ -96,7 +93,8 @@ def largest_error(surface: Surface, boxes: LeafBoxes, rtol: float, most: int) ->
 def _slack(boxes: LeafBoxes) -> float:
     """Bound of the rounding of positions, values and bounds."""
     size = np.max(np.abs(boxes.lower)) + 8 * np.max(boxes.width) + np.max(np.abs(boxes.values))
-    return float(gamma(_ROUNDINGS, np.float64) * size)
+    # Values and positions of parts have some roundings for each halving down to the last place.
+    return float(gamma(1024, np.float64) * size)
 
 
 def _bounded(surface: Surface, boxes: LeafBoxes) -> tuple[np.ndarray, np.ndarray]:

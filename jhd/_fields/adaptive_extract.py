@@ -33,9 +33,6 @@ _SIDE = 8
 _WIDE = _SIDE + 1
 # Blocks along the side of the volume that marching cubes is given; single precision has 7e-6 of a cell there.
 _TILES = 12
-# Samples closer to zero than this fraction of a cell are moved off it for marching cubes only, so that each vertex is
-# recognized to lie on an edge, and on which edge.
-_OFF, _NODE = 2e-3, 2e-4
 
 
 class LeafCells(NamedTuple):
@@ -240,7 +237,7 @@ def _marched(lattice: _Lattice, blocks: np.ndarray) -> _ExtractedPart | None:
     tile, local = np.divmod(found[0].astype(np.float64), _WIDE)
     tile = tile.astype(np.int64)
     block = blocks[(tile[:, 0] * _TILES + tile[:, 1]) * _TILES + tile[:, 2]]
-    off = np.abs(local - np.round(local)) > _NODE
+    off = np.abs(local - np.round(local)) > 2e-4
     inside = np.count_nonzero(off, axis=1) > 1
     node = _SIDE * block + np.where(off, np.floor(local), np.round(local)).astype(np.int64)
     key = lattice.key(node, np.where(inside, 3, np.argmax(off, axis=1)))
@@ -248,8 +245,11 @@ def _marched(lattice: _Lattice, blocks: np.ndarray) -> _ExtractedPart | None:
 
 
 def _off_zero(values: np.ndarray, step: float) -> np.ndarray:
-    """The values with their signs, their sizes between bounds that keep zeros off the samples."""
-    return np.where(values < 0, -1.0, 1.0) * np.clip(np.abs(values), _OFF * step, 2 * step)
+    """The values with their signs, their sizes between bounds that keep zeros off the samples.
+
+    So marching cubes gives vertices off the samples, and each is recognized to lie on an edge, and on which edge.
+    """
+    return np.where(values < 0, -1.0, 1.0) * np.clip(np.abs(values), 2e-3 * step, 2 * step)
 
 
 def _tiled(rows: np.ndarray, rest: Any) -> np.ndarray:

@@ -33,8 +33,6 @@ from jhd._shapes.checks import empty_surface
 from jhd._shapes.implicit import ImplicitSurface, check_surface
 from jhd.progress import Callback, Progress
 
-# Numbers in one array of forms, which fit into the cache of a core; and most cells in one array.
-_NUMBERS, _MOST = 1 << 19, 4096
 # Chunks between two reports, which hold some tenths of a second.
 _CHUNKS = 64
 # Most multiplications of integers for the signs of corners, some seconds.
@@ -139,8 +137,8 @@ class _VoxelGrid(NamedTuple):
 
     @property
     def chunk(self) -> int:
-        """Number of cells in one batch."""
-        return min(_MOST, 1 << max(8, (_NUMBERS // self.coefficients.size).bit_length() - 1))
+        """Number of cells in one batch, whose forms are 2^19 numbers and fit into the cache of a core."""
+        return min(4096, 1 << max(8, ((1 << 19) // self.coefficients.size).bit_length() - 1))
 
     def place(self, level: int) -> tuple[Array, Array]:
         """Numbers p and h: a cell i of a level has its center at w = p + 2 h i and half the width h; all are exact."""

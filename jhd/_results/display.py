@@ -16,10 +16,7 @@ from jhd._runtime.decimals import lower_text, upper_text
 
 BoundText = Callable[..., str]
 
-# Arrays of up to this many entries are shown in full.
-_FEW = 6
 _DIGITS = ".4g"
-_SPACES = {2: "in the plane", 3: "in space"}
 # Fields that are bounds.
 _BOUNDS: dict[str, BoundText] = {"lower": lower_text, "upper": upper_text, "deviation": upper_text}
 
@@ -62,7 +59,7 @@ def value_text(value: Any, bound: BoundText | None = None) -> str:
         return repr(value)
     if is_traced(value):
         return f"traced {size_text(value.shape)}".rstrip()
-    if not is_known(value) or np.size(value) > _FEW or 0 in value.shape:
+    if not is_known(value) or np.size(value) > 6 or 0 in value.shape:
         return f"{size_text(value.shape)} array"
     entries, number = np.asarray(value), _number if bound is None else partial(bound, spec=_DIGITS)
     return number(entries) if entries.ndim == 0 else f"[{', '.join(map(number, entries.ravel()))}]"
@@ -87,7 +84,7 @@ def batch_text(values: Any, axes: int) -> str:
 def net_text(values: Any, weights: Any) -> str:
     """The location of control points and whether they have weights: `rational, in the plane, control points in ...`."""
     kind = "" if weights is None else "rational"
-    parts = (kind, _SPACES.get(values.shape[-1], ""), box_text(values))
+    parts = (kind, {2: "in the plane", 3: "in space"}.get(values.shape[-1], ""), box_text(values))
     return ", ".join(part for part in parts if part)
 
 

@@ -16,8 +16,6 @@ from jhd._runtime.decimals import lower_text, upper_text
 # Result codes of searches whose bounds a wider tolerance would accept, and results of calls that take one.
 _TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.nonisolated_maxima)}
 _WITH_TOLERANCE = "HausdorffSolution", "StatisticSolution", "MinimumSolution"
-# Larger relative tolerances are meaningless.
-_COARSE = 0.5
 
 
 class NotProvenError(RuntimeError):
@@ -61,7 +59,8 @@ def relative_tolerance(known: Mapping[str, Bounds]) -> str | None:
     if not known or not all(math.isfinite(x.lower) and math.isfinite(x.upper) for x in known.values()):
         return None
     share = max(((x.upper - x.lower) / x.upper for x in known.values() if x.upper > 0), default=0.0)
-    if share < _COARSE:
+    # Larger relative tolerances are meaningless.
+    if share < 0.5:
         return f"rtol={_least(share)}"
     return f"atol={_least(max(x.upper - x.lower for x in known.values()))}"
 

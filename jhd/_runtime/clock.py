@@ -16,8 +16,6 @@ class TimeLimit(KeyboardInterrupt):
 
 # Additional time for the proof at the end, as a fraction of the time.
 _FOR_PROOF = 0.1
-# Seconds to compile the functions of a search: twice the time on a slow core.
-_TO_COMPILE = 10.0
 
 
 class Clock:
@@ -60,7 +58,8 @@ class Clock:
         Raises:
             OutOfTimeError: there is no time for it.
         """
-        if self._last < math.inf and time.monotonic() + _TO_COMPILE > self._last:
+        # Ten seconds are twice the time to compile the functions of a search on a slow core.
+        if self._last < math.inf and time.monotonic() + 10.0 > self._last:
             raise OutOfTimeError
 
     def heard(self, progress: object) -> None:

@@ -35,8 +35,6 @@ from jhd._triangles.unit import in_unit
 
 # Numbers of pairs, and of points, for which functions are compiled.
 BLOCKS = (512, 4096, 32768)
-# Points that are farther away than this, in powers of two of the mesh, are searched with the mesh scaled down.
-_FAR = {8: 400, 4: 40}
 
 
 class TriangleTree(NamedTuple):
@@ -189,7 +187,8 @@ def _joined(which: np.ndarray, first: ClosestPoints, second: ClosestPoints) -> C
 
 def _excess(tree: TriangleTree, size: Any) -> Any:
     """The powers of two by which coordinates of such sizes are too large for the tree's unit, if positive."""
-    return np.where(size > 0, np.frexp(size)[1] - tree.exponent, 0) - _FAR[size.dtype.itemsize]
+    far = 400 if size.dtype.itemsize == 8 else 40
+    return np.where(size > 0, np.frexp(size)[1] - tree.exponent, 0) - far
 
 
 def in_unit_of(tree: TriangleTree, points: np.ndarray) -> tuple[TriangleTree, np.ndarray]:

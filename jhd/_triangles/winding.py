@@ -50,14 +50,8 @@ from jhd._triangles.unit import in_unit, scaled_down
 
 # Largest error of one node, in turn: the first decides nearly all points of a closed mesh, the last opens every node.
 _TOLERANCES = (1.2e-2, 2e-3, 1e-5, 0.0)
-# Steps along the space-filling curve between points that are tested for balls that meet.
-_STEPS = (1, 2, 4, 8, 16)
-# Groups of points up to this number are evaluated without moving them to more room; most rounds of moving.
-_FEW, _TURNS = 256, 3
-# Steps away from the mesh that are tried, as fractions of its size.
-_STEPS_AWAY = [2.0**-k for k in (3, 5, 7, 10, 13, 16, 20)]
-# Triangles whose errors add up to at most this are not evaluated exactly.
-_ROOM = 0.1
+# Groups of points up to this number are evaluated without moving them to more room.
+_FEW = 256
 
 
 class _Moments(NamedTuple):
@@ -101,10 +95,10 @@ def _grouped(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: np.
     more room, so that more of their balls meet.
     """
     tree, members = triangle_tree(mesh), np.arange(len(points))
-    for turn in range(_TURNS + 1):
+    for turn in range(4):
         chosen, group = _leaders(points, room, tree)
         points, room, foot, members = points[chosen], room[chosen], foot[chosen], group[members]
-        if turn == _TURNS or len(chosen) <= _FEW:
+        if turn == 3 or len(chosen) <= _FEW:
             break
         _move_away(mesh, points, room, foot)
     return _decided(mesh, points)[members]
@@ -131,7 +125,8 @@ def _move_away(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: n
     away = away / np.where(length > 0, length, 1.0)
     away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1.0)
     left = np.arange(len(points))
-    for share in _STEPS_AWAY:
+    # Steps as fractions of the size of the mesh.
+    for share in [2.0**-k for k in (3, 5, 7, 10, 13, 16, 20)]:
         left = left[room[left] < 0.5 * share]
         if len(left) <= _FEW:
             return
@@ -153,7 +148,8 @@ def _linked(points: np.ndarray, clearance: np.ndarray, tree: TriangleTree) -> tu
     order = np.argsort(curve_places(tree, points), kind="stable")
     rows, room = points[order], clearance[order] * (1 - 1e-6)
     count, links = len(points), []
-    for step in (k for k in _STEPS if k < count):
+    # Steps along the space-filling curve between points that are tested.
+    for step in (k for k in (1, 2, 4, 8, 16) if k < count):
         apart = np.max(np.abs(rows[step:] - rows[:-step]), axis=1)
         meets = math.sqrt(3) * apart < room[step:] + room[:-step]
         links.append((step, meets))
@@ -334,7 +330,8 @@ def _exact_number(corners: np.ndarray, point: np.ndarray) -> float:
     """The winding number from all triangles; triangles with the largest errors are evaluated exactly."""
     value, bound = (np.array(x) for x in _known_angles(jnp.asarray(corners), jnp.asarray(point)))
     order = np.argsort(bound)
-    for k in order[np.cumsum(bound[order]) > _ROOM]:
+    # Triangles whose errors add up to less are not evaluated exactly.
+    for k in order[np.cumsum(bound[order]) > 0.1]:
         p, *abc = ([Fraction(float(x)) for x in row] for row in (point, *corners[k]))
         value[k] = _exact_angle(*([x - y for x, y in zip(row, p, strict=True)] for row in abc))
     return float(np.sum(value))
