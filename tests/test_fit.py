@@ -121,6 +121,7 @@ def test_a_fit_that_is_good_enough_stops():
     [
         ({"degree": 1}, "degree"),
         ({"degree": 2, "smooth": True, "segments": 2}, "degree"),
+        ({"degree": 1, "smooth": True, "tolerance": 1e-2}, "degree is 1; needs at least 2 and at most 32"),
         ({"degree": 3, "segments": 0}, "segments"),
         ({"degree": 3, "ends": "loose"}, "ends"),
         ({"degree": 3.0}, "degree is 3.0; needs a whole number"),
@@ -149,6 +150,12 @@ def test_degrees_beyond_those_served_are_refused_at_once():
         jhd.fit_curve(target, degree=99_999_999)
     with pytest.raises(ValueError, match="degree is 33; needs at least 1 and at most 32"):
         jhd.fit_outline(target, 1.0, degree=33)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_smooth_outlines_of_a_degree_without_smooth_chains_are_refused(degree):
+    with pytest.raises(ValueError, match=f"degree is {degree}; needs at least 3 and at most 32"):
+        jhd.fit_outline(jhd.circle([0, 0], 1), 0.1, degree=degree, smooth=True)
 
 
 def test_a_target_of_two_contours_is_refused():

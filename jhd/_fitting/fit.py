@@ -298,7 +298,7 @@ def fit_outline(
         target: outline of one or several contours, each with its segments in order.
         tolerance: largest certified Hausdorff distance between a contour and its fit, in the unit of the coordinates;
             at least 1e-10 of the diagonal of the target's box, to which distances are certified.
-        degree: degree of the segments, 1 to 32.
+        degree: degree of the segments, 1 to 32; with `smooth` at least 3, or 2 if all contours are open.
         smooth: whether the tangent is continuous at the joints inside a contour. By default joints may be corners.
         max_segments: largest number of segments of one contour, at least 1.
         max_steps: largest number of steps of one fit. A fit stops as soon as it is within the tolerance.
@@ -314,21 +314,24 @@ def fit_outline(
         ValueError: the target is a point set, a number is out of range, or the tolerance is too small.
     """
     refuse_tracing("fit_outline", target)
-    degree = _checked_degree(degree, 1)
     max_segments, max_steps = whole("max_segments", max_segments, 1), whole("max_steps", max_steps, 0)
     given, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", given)
     curve = given.segments()
     _refuse_points(curve)
+    outline = contours(curve)
+    # The point after a joint follows from the point before it, which must not follow from the last joint in turn.
+    least = 1 if not smooth else 3 if any(np.asarray(part.next_segment)[-1] == 0 for part in outline) else 2
+    degree = _checked_degree(degree, least)
     limit = real_array("tolerance", tolerance)
     if limit.shape != () or not float(limit) > 0:
         raise ValueError(f"tolerance is {limit}; needs one positive number.")
-    least = float(default_tolerance(diagonal_of(curve), np.dtype(limit.dtype), 0.0))
-    if float(limit) < least:
+    resolved = float(default_tolerance(diagonal_of(curve), np.dtype(limit.dtype), 0.0))
+    if float(limit) < resolved:
         why = "to which distances of this size are certified."
-        raise ValueError(f"tolerance is {float(limit):g}; needs at least {1.01 * least:.2g}, {why}")
+        raise ValueError(f"tolerance is {float(limit):g}; needs at least {1.01 * resolved:.2g}, {why}")
     found = []
-    for contour in contours(curve):
+    for contour in outline:
         start = from_a_corner(contour, _reach(contour, float(limit)))
         found.append(_within(start, float(limit), clock, degree, smooth, max_segments, max_steps, progress))
     return found
