@@ -17,7 +17,7 @@ from jhd._distance.witness.critical import local_pairs
 from jhd._distance.witness.derivative import moving
 from jhd._distance.witness.maxima import NEARER, ROUNDED
 from jhd._results.solution import RESULTS, CriticalPairs, HausdorffSolution, result_where
-from jhd._runtime.arrays import is_traced, undifferentiated
+from jhd._runtime.arrays import is_traced, undifferentiated, whole
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.checks import check_same_dim
 from jhd._shapes.curve import check_curve
@@ -46,16 +46,13 @@ def critical_pairs(a: ShapeLike, b: ShapeLike, capacity: int = 16) -> CriticalPa
         largest one failed.
 
     Raises:
-        TypeError: a shape of another kind, or a capacity that is not a whole number.
-        ValueError: the dimensions differ, or the capacity is below 1.
+        TypeError: a shape of another kind.
+        ValueError: the dimensions differ, or the capacity is not a whole number of at least 1.
     """
     first, second = taken_as("a", a), taken_as("b", b)
     check_curve("a", first)
     check_curve("b", second)
-    if not isinstance(capacity, int) or isinstance(capacity, bool):
-        raise TypeError(f"capacity must be a whole number; got {type(capacity).__name__}.")
-    if capacity < 1:
-        raise ValueError(f"capacity is {capacity}; needs at least 1.")
+    capacity = whole("capacity", capacity, 1)
     pair = first.segments(), second.segments()
     check_same_dim(pair[0].dim, pair[1].dim)
     found, frame = local_pairs(*pair, capacity)

@@ -240,8 +240,13 @@ def test_a_batch_gives_what_single_pairs_give():
         np.testing.assert_allclose(row, single, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("capacity", "error"), [(0, ValueError), (1.5, TypeError)])
-def test_a_capacity_that_is_no_length_is_refused(capacity, error, as_a_user):
+@pytest.mark.parametrize("capacity", [0, 1.5, True])
+def test_a_capacity_that_is_no_length_is_refused(capacity, as_a_user):
     a, b = pair_of("arch_and_wave")
-    with pytest.raises(error, match="capacity"):
+    with pytest.raises(ValueError, match="capacity is .*; needs a whole number of at least 1"):
         jhd.critical_pairs(a, b, capacity)
+
+
+def test_a_capacity_may_be_a_whole_number_of_numpy(as_a_user):
+    a, b = pair_of("arch_and_wave")
+    assert jhd.critical_pairs(a, b, np.int64(16)).value.shape == (16,)
