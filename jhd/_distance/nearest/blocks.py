@@ -15,6 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd._distance.nearest.chords import chord_error, chords_between, square_and_parameter
@@ -122,20 +123,20 @@ class _GroupLook(NamedTuple):
     count: Array  # how often some segments were looked at
 
 
-def nearest_in_blocks(blocks: Blocks, points: Array) -> NearestOnCurve:
+def nearest_in_blocks(blocks: Blocks, points: Array, wanted: ArrayLike = True) -> NearestOnCurve:
     """Return proven nearest points for the points of a group, as `nearest` does on all segments.
 
     Each query searches the few segments with the smallest lower bounds. If others are in its reach, the whole group
-    searches block after block.
+    searches block after block. If the points are not wanted, nothing is searched, and the upper bounds are infinite.
     """
-    lower, listed, rest, reach = _listed(blocks, points, _LISTED)
+    lower, listed, rest, reach = _listed(blocks, points, _LISTED, wanted)
     curve, parts = blocks.curve, _BLOCK // _LISTED
     gaps, error = _gaps(blocks, points), chord_error(points.shape[1], points.dtype)
 
     def going(state: _GroupLook) -> Array:
         upper = jnp.minimum(reach, state.found.upper)
         within = jnp.any(rest <= upper) & (jnp.min(state.remaining) <= jnp.max(upper))
-        return (state.count == 0) | ((state.count - 1) % parts > 0) | within
+        return wanted & ((state.count == 0) | ((state.count - 1) % parts > 0) | within)
 
     def step(state: _GroupLook) -> _GroupLook:
         first, part = state.count == 0, (state.count - 1) % parts
@@ -174,7 +175,7 @@ def _nearer(old: NearestOnCurve, new: NearestOnCurve) -> NearestOnCurve:
     return eqx.tree_at(lambda n: (n.closed, n.steps), found, (old.closed & new.closed, old.steps + new.steps))
 
 
-def _listed(blocks: Blocks, points: Array, most: int) -> tuple[Array, Array, Array, Array]:
+def _listed(blocks: Blocks, points: Array, most: int, wanted: ArrayLike) -> tuple[Array, Array, Array, Array]:
     """Return the segments with the smallest lower bounds for each point of a group, and bounds for all other segments.
 
     Returns:
@@ -197,7 +198,9 @@ def _listed(blocks: Blocks, points: Array, most: int) -> tuple[Array, Array, Arr
         return reach, -lower, jnp.take_along_axis(listed, index, axis=1)
 
     blank = jnp.full((count, most + 1), jnp.inf, jnp.float32)
-    start = jnp.full(count, jnp.inf, points.dtype), blank, jnp.zeros((count, most + 1), int)
+    # No block is within a reach of minus infinity.
+    reach = jnp.full(count, jnp.where(wanted, jnp.inf, -jnp.inf), points.dtype)
+    start = reach, blank, jnp.zeros((count, most + 1), int)
     beyond, (reach, lower, listed) = _nearest_first(blocks, points, lambda found: jnp.max(found[0]), look, start)
     lower = lower.astype(points.dtype)
     return lower[:, :-1], listed[:, :-1], jnp.minimum(lower[:, -1], beyond), reach

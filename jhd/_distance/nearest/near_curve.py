@@ -55,10 +55,11 @@ class NearCurve(NamedTuple):
         return CurvePlace(*(x.reshape(points.shape[:-1]) for x in found))
 
     def nearest(self, point: Array, tolerance: ArrayLike = 0.0) -> NearestOnCurve:
-        """Return the proven nearest point."""
+        """Return the proven nearest point; with an infinite tolerance, a bound that costs next to nothing."""
         if isinstance(self.guide, _NearSamples):
             return nearest(point, self.curve.control_points, self.curve.weights, jnp.asarray(tolerance), self.skip)
-        return jax.tree_util.tree_map(lambda x: x[0], nearest_in_blocks(self.guide, point[None]))
+        found = nearest_in_blocks(self.guide, point[None], jnp.isfinite(tolerance))
+        return jax.tree_util.tree_map(lambda x: x[0], found)
 
 
 def near_curve(curve: BezierSegments, long: bool, seeds: int = 0) -> NearCurve:

@@ -8,6 +8,7 @@ import pytest
 import jhd
 from jhd._distance.nearest.blocks import blocks_of, guesses, in_groups, nearest_in_blocks
 from jhd._distance.nearest.curves import nearest
+from jhd._distance.nearest.near_curve import near_curve
 from tests.sweeps import swept
 
 COUNT, QUERIES = 768, 200
@@ -58,6 +59,15 @@ def test_blocks_prove_what_all_segments_prove(kind):
     places = sum(c * (1 - s) ** (3 - i) * s**i * rows[:, i] for i, c in enumerate((1, 3, 3, 1)))
     np.testing.assert_allclose(np.linalg.norm(places - queries, axis=1), found.distance, atol=1e-14)
     assert np.all((segment >= 0) & (segment < curve.count) & (t >= 0) & (t <= 1))
+
+
+def test_a_point_whose_distance_does_not_matter_is_not_searched():
+    points, queries = (jnp.asarray(x) for x in _segments("plain", np.random.default_rng(3)))
+    near = near_curve(jhd.BezierSegments(points), True)
+    measured = jax.jit(near.nearest)
+    found, free = measured(queries[0], 0.0), measured(queries[0], np.inf)
+    assert int(found.steps) > 0 and int(free.steps) == 0
+    assert float(free.lower) <= float(found.upper) and float(free.upper) == np.inf
 
 
 @pytest.mark.exhaustive  # programs of its own
