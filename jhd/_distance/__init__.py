@@ -17,7 +17,6 @@ The entry points are `hausdorff`, `critical_pairs`, `minimum`, `project`, `signe
 from jhd._distance.certificate.certificate import Certificate, certify, verify
 from jhd._distance.certificate.verification import CertificateError
 from jhd._distance.collections.entries import (
-    Neighbors,
     PairsWithin,
     Pairwise,
     nearest_shapes,
@@ -25,6 +24,7 @@ from jhd._distance.collections.entries import (
     pairwise,
     pivot_distances,
 )
+from jhd._distance.collections.neighbors import Neighbors
 from jhd._distance.collections.pivots import PivotDistances
 from jhd._distance.critical_pairs import critical_pairs
 from jhd._distance.deviation import deviation

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 from typing_extensions import override
 
@@ -80,16 +81,21 @@ class AbstractPair(ABC):
         """
 
     def both(self, level: Any = None, ceiling: Any = None) -> tuple[HausdorffSolution, HausdorffSolution]:
-        """Measure both directions.
+        """Measure both directions, the second one only above the lower bound of the first.
 
-        Without a level, the second one is measured only above the lower bound of the first.
+        If this bound is above the ceiling, nothing matters of the second direction. A traced search with a level and a
+        ceiling measures both directions alike.
         """
         search = self.traced_search(level, ceiling)
         if search is not None:
             (there, self._told[False]), (back, self._told[True]) = in_turn(search, level, ceiling)
             return there, back
         there = self.measured(level=level, ceiling=ceiling)
-        return there, self.measured(turned=True, level=there.lower if level is None else level, ceiling=ceiling)
+        xp = jnp if is_tracing(there.lower, level, ceiling) else np
+        rest = there.lower if level is None else xp.maximum(level, there.lower)
+        if ceiling is not None:
+            ceiling = xp.where(there.lower > ceiling, -xp.ones_like(ceiling), ceiling)
+        return there, self.measured(turned=True, level=rest, ceiling=ceiling)
 
     def traced_search(self, *numbers: Any) -> TracedSearch | None:
         """Return a search for traced shapes or numbers, with arguments of one form for both directions.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd._distance.collections.entries import Neighbors
+from jhd._distance.collections.neighbors import Neighbors
 from jhd._plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, finish
 from jhd._plot.colored import pieces_of
 from jhd._plot.curves import curve

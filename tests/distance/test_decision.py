@@ -102,6 +102,14 @@ def test_far_thresholds_take_far_fewer_steps():
     assert steps(jhd.hausdorff_at_most(a, b, distance / 3)) <= full / 3
 
 
+def test_the_second_direction_is_not_searched_if_the_first_one_exceeds_the_threshold():
+    # From the diagonal to the base it is 3, back it is 2.4.
+    base, diagonal = jhd.polyline([(0, 0), (4, 0)]), jhd.polyline([(0, 0), (4, 3)])
+    assert int(jhd.directed_hausdorff(base, diagonal).stats["steps"]) > 0
+    decision = jhd.hausdorff_at_most(diagonal, base, 1.0)
+    assert name_of(decision.answer) == "no" and int(decision.stats["b_to_a_steps"]) == 0
+
+
 @pytest.mark.exhaustive  # a program of its own
 def test_decisions_under_jit_are_those_of_plain_calls():
     a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])

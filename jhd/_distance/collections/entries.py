@@ -13,11 +13,10 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from jhd._distance.collections.neighbors import nearest_of, standings_of, together
+from jhd._distance.collections.neighbors import Neighbors, nearest_of, results_of, standings_of, together
 from jhd._distance.collections.pivots import (
     PivotBounds,
     PivotDistances,
@@ -74,41 +73,6 @@ class Pairwise(AbstractOutcome):
         rows, columns = self.value.shape
         done = int(np.sum(~np.isnan(self.value)))
         return f"Pairwise({rows} x {columns} distances, {done} known, {self.computed} computed)"
-
-
-class Neighbors(AbstractOutcome):
-    """The nearest shapes of each query by Hausdorff distance, in the order of `value`.
-
-    The k nearest shapes of a query are among the shapes in its row and in its `ties`. The order of two shapes whose
-    bounds overlap is not certified.
-
-    Args:
-        index: indices of the shapes, (queries, k).
-        value: their Hausdorff distances, (queries, k); NaN if the call was interrupted first.
-        lower: certified lower bounds of these distances, (queries, k).
-        upper: certified upper bounds of these distances, (queries, k).
-        result: a member of RESULTS for each query; RESULTS.interrupted if some shapes were not examined.
-        ties: for each query, an array of the indices of other shapes that are not certified to be farther than the
-            last shape in its row.
-        computed: number of distances that were searched.
-    """
-
-    index: Int[np.ndarray, "queries neighbors"]
-    value: Float[np.ndarray, "queries neighbors"]
-    lower: Float[np.ndarray, "queries neighbors"]
-    upper: Float[np.ndarray, "queries neighbors"]
-    result: RESULTS
-    ties: tuple[np.ndarray, ...]
-    computed: int
-
-    @property
-    def tied(self) -> Bool[np.ndarray, " queries"]:
-        """Whether each query has ties."""
-        return np.array([len(tie) > 0 for tie in self.ties])
-
-    def __repr__(self) -> str:
-        count, k = self.index.shape
-        return f"Neighbors({k} of each of {count} queries, {int(self.tied.sum())} tied, {self.computed} computed)"
 
 
 class PairsWithin(AbstractOutcome):
@@ -194,7 +158,7 @@ def pairwise(
             table.fill(pool, method, kept, lambda done, total: _tell(hears, "distances", done, total))
     except KeyboardInterrupt as stop:
         table.result[np.isnan(table.value)] = int(ended_by(stop)._value)
-    return Pairwise(table.value, table.lower, table.upper, _results(table.result), table.computed)
+    return Pairwise(table.value, table.lower, table.upper, results_of(table.result), table.computed)
 
 
 def nearest_shapes(
@@ -259,8 +223,7 @@ def nearest_shapes(
             parts.append(nearest_of(pool, (a, b), rows, k, known, method, report))
             del known
             give_back()
-    found = together(parts)
-    return Neighbors(*found[:4], _results(found.result), tuple(found.ties), found.computed)
+    return together(parts)
 
 
 def pairs_within(
@@ -411,11 +374,6 @@ def _signed(
 def _tell(progress: Report, stage: str, done: int, total: int) -> None:
     if progress is not None:
         progress(Progress(stage, done, total))
-
-
-def _results(numbers: np.ndarray) -> Any:
-    """Return members of RESULTS from their numbers."""
-    return eqx.tree_at(lambda x: x._value, RESULTS.successful, numbers)
 
 
 def _no_pairs() -> list[tuple[np.ndarray, ...]]:

@@ -9,13 +9,16 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from jhd._distance.collections.pivots import PivotBounds
 from jhd._distance.collections.shapes import Collection
 from jhd._distance.collections.tasks import measured, pairs_between
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._distance.search.search import ended_by
+from jhd._results.batches import AbstractOutcome
 from jhd._results.outcomes import RESULTS
 
 # Shapes of each query that are measured in one round, at most: later rounds know better bounds.
@@ -31,16 +34,39 @@ class Standings(NamedTuple):
     result: np.ndarray  # numbers of RESULTS if measured, else -1
 
 
-class Found(NamedTuple):
-    """The nearest shapes of some queries; see jhd.Neighbors."""
+class Neighbors(AbstractOutcome):
+    """The nearest shapes of each query by Hausdorff distance, in the order of `value`.
 
-    index: np.ndarray
-    value: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    result: np.ndarray
-    ties: list[np.ndarray]
+    The k nearest shapes of a query are among the shapes in its row and in its `ties`. The order of two shapes whose
+    bounds overlap is not certified.
+
+    Args:
+        index: indices of the shapes, (queries, k).
+        value: their Hausdorff distances, (queries, k); NaN if the call was interrupted first.
+        lower: certified lower bounds of these distances, (queries, k).
+        upper: certified upper bounds of these distances, (queries, k).
+        result: a member of RESULTS for each query; RESULTS.interrupted if some shapes were not examined.
+        ties: for each query, an array of the indices of other shapes that are not certified to be farther than the
+            last shape in its row.
+        computed: number of distances that were searched.
+    """
+
+    index: Int[np.ndarray, "queries neighbors"]
+    value: Float[np.ndarray, "queries neighbors"]
+    lower: Float[np.ndarray, "queries neighbors"]
+    upper: Float[np.ndarray, "queries neighbors"]
+    result: RESULTS
+    ties: tuple[np.ndarray, ...]
     computed: int
+
+    @property
+    def tied(self) -> Bool[np.ndarray, " queries"]:
+        """Whether each query has ties."""
+        return np.array([len(tie) > 0 for tie in self.ties])
+
+    def __repr__(self) -> str:
+        count, k = self.index.shape
+        return f"Neighbors({k} of each of {count} queries, {int(self.tied.sum())} tied, {self.computed} computed)"
 
 
 def standings_of(bounds: PivotBounds, rows: np.ndarray, count: int, same: bool) -> Standings:
@@ -62,7 +88,7 @@ def nearest_of(
     known: Standings,
     method: BranchAndBound,
     report: Callable[[int, int], None],
-) -> Found:
+) -> Neighbors:
     """Return the k nearest shapes of the queries `rows`, or the state so far after an interrupt."""
     done, width, unfinished = 0, k, RESULTS.interrupted
     try:
@@ -106,7 +132,7 @@ def _first_of_each(open_: np.ndarray, lower: np.ndarray, width: int) -> tuple[np
     return query[place < width], shape[place < width]
 
 
-def _named(known: Standings, k: int, done: int, unfinished: Any) -> Found:
+def _named(known: Standings, k: int, done: int, unfinished: Any) -> Neighbors:
     # A copy: a view would keep the whole order of all shapes.
     index = np.argsort(known.upper, axis=1, kind="stable")[:, :k].copy()
     each = np.arange(len(index))[:, None]
@@ -116,14 +142,19 @@ def _named(known: Standings, k: int, done: int, unfinished: Any) -> Found:
     result = np.where(np.any(_open(known, k), axis=1), int(unfinished._value), worst)
     near = known.lower <= known.upper[each, index].max(axis=1)[:, None]
     near[each, index] = False
-    ties = [np.flatnonzero(row) for row in near]
+    ties = tuple(np.flatnonzero(row) for row in near)
     value, lower, upper = (x[each, index] for x in (known.value, known.lower, known.upper))
-    return Found(index, value, lower, upper, result, ties, done)
+    return Neighbors(index, value, lower, upper, results_of(result), ties, done)
 
 
-def together(parts: list[Found]) -> Found:
+def together(parts: list[Neighbors]) -> Neighbors:
     """Return the findings of all queries, in order."""
-    whole: Any = [np.concatenate(x) for x in list(zip(*parts, strict=True))[:5]]
-    index, value, lower, upper, result = whole
-    ties = [tie for part in parts for tie in part.ties]
-    return Found(index, value, lower, upper, result, ties, sum(part.computed for part in parts))
+    rows = [(part.index, part.value, part.lower, part.upper, part.result._value) for part in parts]
+    index, value, lower, upper, result = (np.concatenate(x) for x in zip(*rows, strict=True))
+    ties = tuple(tie for part in parts for tie in part.ties)
+    return Neighbors(index, value, lower, upper, results_of(result), ties, sum(part.computed for part in parts))
+
+
+def results_of(numbers: np.ndarray) -> Any:
+    """Return members of RESULTS from their numbers."""
+    return eqx.tree_at(lambda x: x._value, RESULTS.successful, numbers)

@@ -184,12 +184,7 @@ def _alone(a: Any, b: Any, level: float, ceiling: float, method: Any) -> Hausdor
     if level == 0 and ceiling == np.inf:
         return hausdorff(a, b, method, throw=False)
     pair = pair_of(a, b, method, None)
-    aim: Any = np.asarray(level), np.asarray(ceiling)
-    low, high = pair.length(aim[0], 0.0), pair.length(aim[1], np.inf)
-    there = pair.measured(level=low, ceiling=high)
-    # Above the ceiling of the first direction nothing matters of the second.
-    rest = -1.0 if float(there.lower) > float(high) else high
-    back = pair.measured(turned=True, level=np.maximum(low, np.asarray(there.lower)), ceiling=np.asarray(rest))
+    there, back = pair.both(pair.length(np.asarray(level), 0.0), pair.length(np.asarray(ceiling), np.inf))
     return pair.larger(pair.reported(there), pair.reported(back))
 
 
