@@ -17,6 +17,7 @@ import numpy as np
 from jhd._distance.hausdorff import directed_hausdorff
 from jhd._distance.search.branch_and_bound import BranchAndBound
 from jhd._fields.octree import voxelize
+from jhd._fitting.descent import Ended
 from jhd._fitting.subproblem import model_step, multipliers
 from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd._runtime.clock import Clock, OutOfTimeError
@@ -55,17 +56,6 @@ class Evaluated(NamedTuple):
         return max(cut.value for cut in self.cuts)
 
 
-class Bundled(NamedTuple):
-    """The end of an iteration, with a multiplier for each direction."""
-
-    point: Evaluated
-    optimality: float
-    multipliers: Any
-    result: Any
-    counts: dict[str, int]
-    history: list[float]
-
-
 class _Model(NamedTuple):
     """Cuts near a point: their heights at it, none above the distance, and their gradients."""
 
@@ -81,8 +71,10 @@ def minimize_by_cuts(
     stop_below: float,
     report: Callable[[int, float, float], object],
     clock: Clock,
-) -> Bundled:
+) -> Ended:
     """Minimize until no cut promises a gain, the distance is at most stop_below, or the radius vanishes.
+
+    The multipliers at the end are one for each direction.
 
     Args:
         build: takes a vector of parameters and returns a surface or mesh.
@@ -139,7 +131,7 @@ def minimize_by_cuts(
     elif radius < np.inf:
         result = RESULTS.fit_nonsmooth_stall
     counts = {"steps": int(np.sum(np.diff(history) < 0)), "evaluations": steps + 1}
-    return Bundled(point, optimality, mu, result, counts, history)
+    return Ended(point, mu, optimality, result, counts, history)
 
 
 def evaluated(build: Callable[[Any], Target], target: Target, parameters: Any, clock: Clock | None = None) -> Evaluated:

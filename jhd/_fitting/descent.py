@@ -23,10 +23,12 @@ class Lowered(NamedTuple):
     gradient: Any
 
 
-class Descended(NamedTuple):
+class Ended(NamedTuple):
     """The end of an iteration."""
 
-    point: Lowered
+    point: Any  # the last parameters with their values
+    multipliers: Any  # of the distances whose maximum is minimized
+    optimality: float  # length of the shortest combination of their gradients
     result: Any
     counts: dict[str, int]
     history: list[float]
@@ -41,7 +43,7 @@ def descend(
     stop_below: float,
     clock: Clock,
     report: Callable[[int, float, float], object],
-) -> Descended:
+) -> Ended:
     """Minimize from the parameters until the value is stationary, below stop_below, or steps gain nothing.
 
     Args:
@@ -95,7 +97,7 @@ def descend(
             report(counts["steps"], point.value, float(np.linalg.norm(point.gradient)))
     except OutOfTimeError:
         result = RESULTS.out_of_time
-    return Descended(point, result, counts, history)
+    return Ended(point, np.zeros(1), float(np.linalg.norm(point.gradient)), result, counts, history)
 
 
 def _searched(at: Callable[[Any], Lowered], point: Lowered, scale: Any, direction: Any) -> Lowered | None:

@@ -9,10 +9,11 @@ Source: trust regions for minimax problems are in Conn, Gould & Toint, Trust-Reg
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from jhd._fitting.descent import Ended
 from jhd._fitting.expansion import FloatArray, roots
 from jhd._fitting.problem import Point, Problem
 from jhd._fitting.subproblem import model_step, multipliers
@@ -31,17 +32,6 @@ _NEAR = 0.3
 _VALLEY = 1e-3
 # A fit of curves of many segments ends when this many steps together gain less than _VALLEY.
 _SETTLED = 4
-
-
-class Ended(NamedTuple):
-    """The end of an iteration."""
-
-    point: Point
-    multipliers: FloatArray
-    optimality: float
-    result: Any
-    counts: dict[str, int]
-    history: list[float]
 
 
 def slack(point: Point) -> float:

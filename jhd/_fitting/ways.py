@@ -14,10 +14,10 @@ import numpy as np
 from jhd._distance.hausdorff import hausdorff
 from jhd._distance.normalization.method import AbstractHausdorffMethod
 from jhd._distance.statistics.statistics import AbstractStatistic, MaxDistance, check_statistic
-from jhd._fitting.bundle import Bundled, minimize_by_cuts, motions
-from jhd._fitting.descent import Descended, descend
+from jhd._fitting.bundle import minimize_by_cuts, motions
+from jhd._fitting.descent import Ended, descend
 from jhd._fitting.host_bounds import host_bounds
-from jhd._fitting.minimax import Ended, minimize
+from jhd._fitting.minimax import minimize
 from jhd._fitting.problem import Point, Problem
 from jhd._results.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution, HausdorffSolution
 from jhd._runtime.arrays import array_of
@@ -76,7 +76,7 @@ def way_of(built: Any, target: Any, statistic: AbstractStatistic | None, limits:
             Problem(built, target.segments(), capacity, clock), start, steps, stop_below, method, report
         ),
         lambda found: found.ended.point.top,
-        lambda found, unravel: minimax_solution(found, unravel),
+        minimax_solution,
     )
 
 
@@ -106,7 +106,7 @@ def fit_by_measure(
     stop_below: float,
     clock: Clock,
     report: Callable[[int, float, float], object],
-) -> Descended:
+) -> Ended:
     """Minimize a statistic of (target, shape) from a vector of parameters until it is stationary; see descend."""
     low, high = (np.asarray(end) for end in target.bounds)
     size = float(np.max(high - low)) or 1.0
@@ -120,26 +120,32 @@ def measured_solution(
     unravel: Callable,
     statistic: AbstractStatistic,
     target: Any,
-    ended: Descended,
+    ended: Ended,
     method: Any,
 ) -> FitSolution:
     """The fit with the proven statistic and the proven largest distance."""
-    parameters = jnp.asarray(ended.point.parameters)
-    shape = build(parameters)
+    shape = build(jnp.asarray(ended.point.parameters))
     error = hausdorff(target, shape, method, throw=False)
     witness = jax.tree_util.tree_map(lambda x: jnp.asarray(x)[None], error.witness)
     pairs = CriticalPairs(error.value[None], witness, jnp.ones(1, bool), RESULTS.successful)
+    return _solution(ended, unravel, shape, error, pairs, statistic(target, shape, throw=False))
+
+
+def _solution(
+    ended: Ended, unravel: Callable, shape: Any, error: HausdorffSolution, pairs: CriticalPairs, statistic: Any = None
+) -> FitSolution:
+    """The solution at the end of an iteration."""
     return FitSolution(
-        parameters=unravel(parameters),
+        parameters=unravel(jnp.asarray(ended.point.parameters)),
         shape=shape,
         error=error,
-        optimality=jnp.asarray(float(np.linalg.norm(ended.point.gradient))),
-        multipliers=jnp.zeros(1),
+        optimality=jnp.asarray(ended.optimality),
+        multipliers=jnp.asarray(ended.multipliers),
         pairs=pairs,
         result=ended.result,
         stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
         history=jnp.asarray(ended.history),
-        statistic=statistic(target, shape, throw=False),
+        statistic=statistic,
     )
 
 
@@ -206,24 +212,16 @@ def _bounded(problem: Problem, point: Point) -> HausdorffSolution:
 def minimax_solution(proven: ProvenEnd, unravel: Callable) -> FitSolution:
     """The solution of a fit by all maxima."""
     ended, error, missed = proven
-    point, pairs = ended.point, ended.point.pairs
+    pairs = ended.point.pairs
     mu = np.zeros(pairs.value.shape)
     mu[: len(ended.multipliers)] = ended.multipliers
-    return FitSolution(
-        parameters=unravel(jnp.asarray(point.parameters)),
-        shape=point.shape,
-        error=error,
-        optimality=jnp.asarray(ended.optimality),
-        multipliers=jnp.asarray(mu),
-        pairs=pairs,
-        result=RESULTS.fit_missed_a_maximum if missed else ended.result,
-        stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
-        history=jnp.asarray(ended.history),
-    )
+    result = RESULTS.fit_missed_a_maximum if missed else ended.result
+    ended = ended._replace(multipliers=mu, result=result)
+    return _solution(ended, unravel, ended.point.shape, error, pairs)
 
 
 def bundled_solution(
-    ended: Bundled, unravel: Callable, target: Any, method: AbstractHausdorffMethod | None, clock: Clock
+    ended: Ended, unravel: Callable, target: Any, method: AbstractHausdorffMethod | None, clock: Clock
 ) -> FitSolution:
     """The FitSolution at the end of a fit by cuts."""
     point = ended.point
@@ -233,14 +231,6 @@ def bundled_solution(
     values, witness = jax.tree_util.tree_map(
         lambda *x: jnp.stack([x[k] for k in order]), *((s.value, s.witness) for s in (there, back))
     )
-    return FitSolution(
-        parameters=unravel(jnp.asarray(point.parameters)),
-        shape=point.shape,
-        error=hausdorff(target, point.shape, method, throw=False, progress=clock.closing),
-        optimality=jnp.asarray(ended.optimality),
-        multipliers=jnp.asarray(ended.multipliers[list(order)]),
-        pairs=CriticalPairs(values, witness, jnp.ones(2, bool), RESULTS.successful),
-        result=ended.result,
-        stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
-        history=jnp.asarray(ended.history),
-    )
+    pairs = CriticalPairs(values, witness, jnp.ones(2, bool), RESULTS.successful)
+    error = hausdorff(target, point.shape, method, throw=False, progress=clock.closing)
+    return _solution(ended._replace(multipliers=ended.multipliers[list(order)]), unravel, point.shape, error, pairs)
