@@ -70,39 +70,15 @@ _CHUNK = 128
 
 def projected_on_curve(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments) -> Projection:
     """Return the nearest points of a curve to queries (..., dim), differentiable in both."""
-    rows = _for_each(_nearest_to, _form_of_projection(curve), method, *undifferentiated((queries, curve)))
-    return projection_with_derivatives(unchecked(Projection, rows._asdict()), queries, curve)
+    found = _for_each(_nearest_to, _form_of_projection(curve), method, *undifferentiated((queries, curve)))
+    return projection_with_derivatives(found, queries, curve)
 
 
 def stationary_on_curve(capacity: int, queries: Array, curve: BezierSegments) -> StationaryPoints:
     """Return the stationary points of the distances from queries (..., dim), differentiable in both."""
     one = _StationaryTo(capacity)
-    rows = _for_each(one, _form_of_stationary(capacity, curve), (), *undifferentiated((queries, curve)))
-    return stationary_with_derivatives(StationaryPoints(*rows), queries, curve)
-
-
-class _ProjectedRow(NamedTuple):
-    """The fields of a Projection, for one query or in rows."""
-
-    distance: Any
-    lower: Any
-    upper: Any
-    foot: Any
-    element: Any
-    t: Any
-    result: Any
-
-
-class _StationaryRow(NamedTuple):
-    """The fields of StationaryPoints."""
-
-    segment: Any
-    t: Any
-    lower: Any
-    upper: Any
-    distance: Any
-    valid: Any
-    result: Any
+    found = _for_each(one, _form_of_stationary(capacity, curve), (), *undifferentiated((queries, curve)))
+    return stationary_with_derivatives(found, queries, curve)
 
 
 def _for_each(one: Callable[..., Any], answer: Any, option: Any, queries: Array, curve: BezierSegments) -> Any:
@@ -232,31 +208,37 @@ def _finite(found: Any, good: Any) -> Any:
     if xp is np and np.all(good):
         return found
     result = jax.tree_util.tree_map(lambda x, y: xp.where(good, x, y), found.result, RESULTS.nonfinite_value)
-    if isinstance(found, _StationaryRow):
-        return found._replace(valid=found.valid & good[:, None], result=result)
+    if isinstance(found, StationaryPoints):
+        return _changed(found, valid=found.valid & good[:, None], result=result)
     ends = ((found.distance, np.inf), (found.lower, 0.0), (found.upper, np.inf))
     distance, lower, upper = (xp.where(good, x, y) for x, y in ends)
-    return found._replace(distance=distance, lower=lower, upper=upper, result=result)
+    return _changed(found, distance=distance, lower=lower, upper=upper, result=result)
 
 
 def _unscaled(found: Any, frame: Frame) -> Any:
     distance = user_length(frame, found.distance, None)
-    if isinstance(found, _StationaryRow):
-        return found._replace(distance=distance)
+    if isinstance(found, StationaryPoints):
+        return _changed(found, distance=distance)
     lower, upper = user_length(frame, found.lower, 0.0), user_length(frame, found.upper, math.inf)
-    return found._replace(distance=distance, lower=lower, upper=upper, foot=user_place(frame, found.foot))
+    return _changed(found, distance=distance, lower=lower, upper=upper, foot=user_place(frame, found.foot))
 
 
-def _form_of_projection(curve: BezierSegments) -> _ProjectedRow:
+def _changed(found: Any, **fields: Any) -> Any:
+    return unchecked(type(found), vars(found) | fields)
+
+
+def _form_of_projection(curve: BezierSegments) -> Projection:
     """Return shapes and types of the result for one query."""
     number, whole, result = _forms(curve)
-    return _ProjectedRow(number(), number(), number(), number(curve.dim), whole(), number(), result)
+    fields = {name: number() for name in ("distance", "lower", "upper", "t")}
+    return unchecked(Projection, fields | {"foot": number(curve.dim), "element": whole(), "result": result})
 
 
-def _form_of_stationary(capacity: int, curve: BezierSegments) -> _StationaryRow:
+def _form_of_stationary(capacity: int, curve: BezierSegments) -> StationaryPoints:
     number, whole, result = _forms(curve)
-    some, valid = number(capacity), jax.ShapeDtypeStruct((capacity,), bool)
-    return _StationaryRow(whole(capacity), some, some, some, some, valid, result)
+    fields = {name: number(capacity) for name in ("distance", "lower", "upper", "t")}
+    fields |= {"segment": whole(capacity), "valid": jax.ShapeDtypeStruct((capacity,), bool), "result": result}
+    return unchecked(StationaryPoints, fields)
 
 
 def _forms(curve: BezierSegments) -> tuple[Any, Any, Any]:
@@ -285,23 +267,23 @@ def _block(one: Callable[..., Any], option: Any, queries: Array, curve: BezierSe
         return in_chunks(lambda query: one(option, curve, used, query), queries, _CHUNK)
     blocks = blocks_of(curve)
 
-    def of_group(points: Array) -> _ProjectedRow:
+    def of_group(points: Array) -> Projection:
         found = nearest_in_blocks(blocks, points)
         return jax.vmap(partial(_projection, curve))(points, found, jax.vmap(how_closed)(found))
 
     return in_groups(of_group, queries)
 
 
-def _nearest_to(method: AbstractProjectionMethod, curve: BezierSegments, _: Any, query: Array) -> _ProjectedRow:
+def _nearest_to(method: AbstractProjectionMethod, curve: BezierSegments, _: Any, query: Array) -> Projection:
     return _projection(curve, query, *method._one(query, curve, repeated(curve.control_points, curve.weights)))
 
 
-def _projection(curve: BezierSegments, point: Array, found: NearestOnCurve, result: Any) -> _ProjectedRow:
+def _projection(curve: BezierSegments, point: Array, found: NearestOnCurve, result: Any) -> Projection:
     piece = piece_of(curve, found.segment)
     # Distances are accurate when the parameter is off by the root of the roundoff; one step corrects the parameter.
     t = stationary(found.t, point, piece, is_held(point, piece, found.t))
     t = jnp.where(jnp.abs(t - found.t) < _MENDED, jnp.clip(t, 0.0, 1.0), found.t)
-    return _ProjectedRow(found.distance, found.lower, found.upper, jet(*piece, t).point, found.segment, t, result)
+    return Projection(found.distance, found.lower, found.upper, jet(*piece, t).point, found.segment, t, result)
 
 
 class _StationaryTo(NamedTuple):
@@ -309,12 +291,12 @@ class _StationaryTo(NamedTuple):
 
     capacity: int
 
-    def __call__(self, _: Any, curve: BezierSegments, used: Any, query: Array) -> _StationaryRow:
+    def __call__(self, _: Any, curve: BezierSegments, used: Any, query: Array) -> StationaryPoints:
         # A segment that repeats the one before it has stationary parameters of its own; only padding has none.
         return _stationary_of(query, curve, jnp.arange(curve.count) >= used, self.capacity)
 
 
-def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: int) -> _StationaryRow:
+def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: int) -> StationaryPoints:
     """Return the first `capacity` stationary parameters of one query over all segments."""
     per_segment = min(capacity, 4 * (curve.degree + 1)) if curve.degree else 2
     roots = jax.vmap(lambda k: roots_on(point, curve, k, max(per_segment, 16)))(jnp.arange(curve.count))
@@ -329,7 +311,7 @@ def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: i
     distance = jnp.where(_padded(valid[order], capacity), length(at - point), jnp.inf)
     full = (jnp.sum(valid) > capacity) | jnp.any(failed(roots.result))
     result = result_where(full, RESULTS.capacity_reached, RESULTS.successful)
-    return _StationaryRow(
+    return StationaryPoints(
         chosen, middle, pick(lower, 1.0), pick(upper, 0.0), distance, _padded(valid[order], capacity), result
     )
 
