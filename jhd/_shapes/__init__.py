@@ -13,7 +13,7 @@ surface in `tests/shapes/test_new_kind.py` is an example. Any other kind needs t
    `jhd._distance.search.bodies`. It returns the target, the source and the common coordinates.
 5. Derivatives: a subclass of `AbstractRows` (`jhd._distance.witness.rows`), the numbers that a point depends on, which
    `_rows_of` in `jhd._distance.witness.mixed_derivatives` selects.
-6. Statistics over the shape: `net_of` in `jhd._distance.statistics.quadrature`. Smallest distances: `_searched` in
+6. Statistics over the shape: `net_of` in `jhd._distance.normalization.nets`. Smallest distances: `_searched` in
    `jhd._distance.minimum`. Certificates: `plain_shape` in `jhd._distance.certificate.sides`, and `pieces_of` in
    `jhd._distance.certificate.verification.pieces`. Pictures: `pieces_of` in `jhd._plot.colored`.
 """

@@ -9,13 +9,14 @@ from jaxtyping import Array
 from jhd._arithmetic.rounding import smallest_normal
 from jhd._arithmetic.scaling import common_exponent, scale_of
 from jhd._distance.normalization.net_jets import Net
+from jhd._distance.normalization.nets import net_of
 from jhd._distance.project import project
 from jhd._distance.search.bodies import body_of
 from jhd._distance.search.body import dtype_of
 from jhd._distance.statistics.pointwise import Sight, told_from_zero
-from jhd._distance.statistics.quadrature import along, net_of, nodes_of, resolved
+from jhd._distance.statistics.quadrature import along, nodes_of, resolved
 from jhd._distance.statistics.surface_quadrature import resolved_on_surface
-from jhd._runtime.arrays import is_traced, undifferentiated
+from jhd._runtime.arrays import array_of, is_traced, undifferentiated
 
 # The largest coordinate is at least this many times the smallest normal number: flushed numbers are then below a
 # ten-millionth of it, less than the error of estimates.
@@ -55,7 +56,7 @@ def distances_along(a: Any, b: Any, weights: Any, nodes: int | None) -> tuple[fl
 def scaled_net(a: Any, scale: float) -> Net:
     """Return the pieces of a times the power of two, differentiable."""
     net = net_of(a)
-    return Net(net.points * scale, net.weights)
+    return Net(array_of(net.points * scale), None if net.weights is None else array_of(net.weights))
 
 
 def common_scale(a: Any, b: Any) -> float:

@@ -22,8 +22,6 @@ from jhd._arithmetic.scaling import length
 from jhd._distance.normalization.net_jets import Net, jet
 from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import optimized
-from jhd._shapes.curve import AbstractCurve
-from jhd._shapes.mesh import TriangleMesh
 
 # Nodes of a rule along each parameter of a curve and of a surface, and smaller numbers for many pieces.
 _ON_CURVES, _ON_SURFACES, _COARSE = 9, 4, (3, 2, 1)
@@ -66,21 +64,6 @@ class Nodes(NamedTuple):
     piece: Int[np.ndarray, " places"]
     t: Float[np.ndarray, "places parameters"]
     factor: Float[np.ndarray, " places"]
-
-
-def net_of(shape: Any) -> Net:
-    """Return a curve, a parametric surface or a mesh as pieces, differentiable in the shape."""
-    if isinstance(shape, TriangleMesh):
-        # A triangle is a patch with one collapsed edge: along u from a corner, along v next to the opposite edge.
-        corners = shape.vertices[shape.triangles]
-        first, second, third = (corners[:, k] for k in range(3))
-        return Net(jnp.stack([jnp.stack([first, first], 1), jnp.stack([second, third], 1)], 1), None)
-    if isinstance(shape, AbstractCurve):
-        segments = shape.segments()
-        weights = None if segments.weights is None else segments.weights[:, :, None]
-        return Net(segments.control_points[:, :, None], weights)
-    patches = shape.patches()
-    return Net(patches.control_points, patches.weights)
 
 
 def whole(net: Net) -> ParameterCells:
