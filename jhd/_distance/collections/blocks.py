@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from jhd._arithmetic.scaling import unit_weights
 from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of, reported
-from jhd._distance.normalization.curves import elevation_matrix, raised_degree
+from jhd._distance.normalization.curves import elevation_matrix, raised, raised_degree
 from jhd._distance.normalization.directions import larger
 from jhd._distance.normalization.stopping import Aim
 from jhd._distance.search.branch_and_bound import BranchAndBound
@@ -206,13 +206,5 @@ def _pair(pair: tuple[CurveRows, CurveRows, Array, Array], method: BranchAndBoun
 
 def _in_common(frame: Frame, row: CurveRows) -> BezierSegments:
     """Return the curve in common coordinates and of the compiled degree, as in jhd._distance.normalization.curves."""
-    points, raising = common_points(frame, row.points), row.raising
-    if row.weights is None:
-        return trusted(_raised(raising, points), None, row.next_segment)
-    weights = unit_weights(row.weights)
-    high = jnp.sum(raising * weights[:, None], axis=-1)
-    return trusted(_raised(raising, points * weights[..., None]) / high[..., None], high, row.next_segment)
-
-
-def _raised(raising: Array, points: Array) -> Array:
-    return jnp.sum(raising[:, :, None] * points[:, None], axis=-2)
+    weights = None if row.weights is None else unit_weights(row.weights)
+    return trusted(*raised(row.raising, common_points(frame, row.points), weights), row.next_segment)

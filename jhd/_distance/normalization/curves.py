@@ -16,7 +16,7 @@ from jhd._arithmetic.bernstein import product_weights
 from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.scaling import unit_weights
 from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of
-from jhd._runtime.arrays import is_traced
+from jhd._runtime.arrays import is_traced, module_of
 from jhd._shapes.checks import usable_numbers
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.joints import followed_here
@@ -55,6 +55,15 @@ def elevation_matrix(degree: int, target: int) -> np.ndarray:
     for i in range(degree + 1):
         matrix[i : i + target - degree + 1, i] = weights[i]
     return matrix
+
+
+def raised(raising: Any, points: Any, weights: Any) -> tuple[Any, Any]:
+    """Return control points (..., points, dim) and weights (or None) of a higher degree, by an elevation matrix."""
+    xp = module_of(points)
+    if weights is None:
+        return xp.sum(raising[:, :, None] * points[..., None, :, :], axis=-2), None
+    high = xp.sum(raising * weights[..., None, :], axis=-1)
+    return raised(raising, points * weights[..., None], None)[0] / high[..., None], high
 
 
 def usable(curve: BezierSegments) -> Any:
@@ -140,14 +149,8 @@ def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational
     if weights is None and rational:
         weights = xp.ones(points.shape[:-1], points.dtype)
     if weights is not None:
-        weights = xp.asarray(weights)
-        weights = unit_weights(weights)
-        points = points * weights[..., None]
+        weights = unit_weights(xp.asarray(weights))
     if degree > curve.degree:
-        raising = elevation_matrix(curve.degree, degree).astype(points.dtype)
-        points = xp.sum(raising[:, :, None] * points[:, None], axis=-2)
-        weights = None if weights is None else xp.sum(raising * weights[:, None], axis=-1)
-    if weights is not None:
-        points, weights = (points / weights[..., None])[index], weights[index]
-        return trusted(points, weights, xp.asarray(followed_here(curve.links))[index])
-    return trusted(points[index], None, xp.asarray(followed_here(curve.links))[index])
+        points, weights = raised(elevation_matrix(curve.degree, degree).astype(points.dtype), points, weights)
+    weights = None if weights is None else weights[index]
+    return trusted(points[index], weights, xp.asarray(followed_here(curve.links))[index])

@@ -11,7 +11,13 @@ import numpy as np
 
 from jhd._arithmetic.scaling import unit_weights
 from jhd._distance.normalization.coordinates import Frame, common_points, extremes, frame_of
-from jhd._distance.normalization.curves import elevation_matrix, padded_count, preparation_error, raised_degree
+from jhd._distance.normalization.curves import (
+    elevation_matrix,
+    padded_count,
+    preparation_error,
+    raised,
+    raised_degree,
+)
 from jhd._distance.normalization.net_jets import Net, usable_net
 from jhd._runtime.arrays import is_traced, on_host
 from jhd._shapes.curve import AbstractCurve
@@ -65,12 +71,9 @@ def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
     degree = points.shape[1] - 1
     target = raised_degree(degree)
     if points.shape[2] == 1 and target > degree:
-        raising = elevation_matrix(degree, target).astype(points.dtype)[:, :, None, None]
-        rows = points if weights is None else points * weights[..., None]
-        points = xp.sum(raising * rows[:, None], axis=2)
-        if weights is not None:
-            weights = xp.sum(raising[..., 0] * weights[:, None], axis=2)
-            points = points / weights[..., None]
+        raising = elevation_matrix(degree, target).astype(points.dtype)
+        points, weights = raised(raising, points[:, :, 0], None if weights is None else weights[:, :, 0])
+        points, weights = points[:, :, None], None if weights is None else weights[:, :, None]
     return repeated(Net(points, weights))
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd._arithmetic.scaling import unit_weights
-from jhd._distance.normalization.curves import elevation_matrix, padded_count
+from jhd._distance.normalization.curves import elevation_matrix, padded_count, raised
 from jhd._runtime.arrays import array_of, is_traced, on_host
 from jhd._shapes.as_shape import ShapeLike, check_several, taken_as
 from jhd._shapes.curve import BezierSegments, check_curve
@@ -70,17 +70,9 @@ def _alike(curve: BezierSegments, degree: int, count: int, rational: bool, xp: A
     if rational:
         weights = xp.ones(points.shape[:-1], points.dtype) if curve.weights is None else xp.asarray(curve.weights)
     if degree > curve.degree:
-        points, weights = _raised(points, weights, degree, xp)
+        # Scaled, so that products with coordinates neither overflow nor vanish.
+        weights = None if weights is None else unit_weights(weights)
+        points, weights = raised(elevation_matrix(curve.degree, degree).astype(points.dtype), points, weights)
     index = np.minimum(np.arange(count), curve.count - 1)
     (next_segment,) = on_host(curve.next_segment)
     return trusted(points[index], None if weights is None else weights[index], linked(next_segment[index]))
-
-
-def _raised(points: Any, weights: Any, degree: int, xp: Any) -> tuple[Any, Any]:
-    raising = elevation_matrix(points.shape[-2] - 1, degree).astype(points.dtype)
-    if weights is None:
-        return xp.sum(raising[:, :, None] * points[:, None], axis=-2), None
-    # Scaled, so that products with coordinates neither overflow nor vanish.
-    weights = unit_weights(weights)
-    high = xp.sum(raising * weights[:, None], axis=-1)
-    return xp.sum(raising[:, :, None] * (points * weights[..., None])[:, None], axis=-2) / high[..., None], high
