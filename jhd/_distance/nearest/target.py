@@ -104,12 +104,12 @@ class AbstractTarget(ABC):
     def feet(self, points: np.ndarray) -> np.ndarray:
         """Return proven upper bounds of the distances of points (points, dim), from points of the shape near them."""
 
-    @abstractmethod
     def near(self, points: np.ndarray) -> ProvenFeet:
         """Return points of the shape near the given points, with proven upper bounds; lower bounds may be zero.
 
         Sharp targets return their nearest points.
         """
+        return self.nearest(points)
 
     @abstractmethod
     def error(self, found: ProvenFeet) -> np.ndarray:
@@ -171,10 +171,6 @@ class PointTarget(AbstractTarget):
         return np.all(self.rows[index] == points, axis=1)
 
     @override
-    def near(self, points: np.ndarray) -> ProvenFeet:
-        return self.nearest(points)
-
-    @override
     def error(self, found: ProvenFeet) -> np.ndarray:
         return np.zeros_like(found.distance)
 
@@ -233,10 +229,6 @@ class MeshTarget(AbstractTarget):
     @override
     def feet(self, points: np.ndarray) -> np.ndarray:
         return _hinted(self.tree, points)[0]
-
-    @override
-    def near(self, points: np.ndarray) -> ProvenFeet:
-        return self.nearest(points)
 
     @override
     def error(self, found: ProvenFeet) -> np.ndarray:
