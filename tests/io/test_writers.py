@@ -43,7 +43,7 @@ def figure(count):
 
 def stored(folder, count):
     ones = np.ones(count)
-    Store(folder, {"fingerprint": "1"}).write(0, MeasuredPairs(ones, ones, ones, ones, ones))
+    Store(folder, {"fingerprint": "1"}).write(0, MeasuredPairs(ones, ones, ones, ones))
 
 
 def longer(certificate, count):

@@ -68,7 +68,6 @@ class MeasuredPairs(NamedTuple):
     lower: Any
     upper: Any
     result: Any
-    steps: Any
 
 
 def kind_of(a: BezierSegments, b: BezierSegments) -> PairKind | None:
@@ -168,8 +167,7 @@ def _in_turn(block: Block) -> MeasuredPairs:
         return MeasuredPairs(*(x.at[k].set(y) for x, y in zip(out, found, strict=True)))
 
     number = jnp.zeros_like(block.level)
-    whole = jnp.zeros(number.shape, int)
-    empty = varying(MeasuredPairs(number, number, number, whole, whole), pairs)
+    empty = varying(MeasuredPairs(number, number, number, jnp.zeros(number.shape, int)), pairs)
     return jax.lax.fori_loop(0, block.count, one, empty)
 
 
@@ -198,10 +196,7 @@ def _pair(pair: tuple[CurveRows, CurveRows, Array, Array], method: BranchAndBoun
     there, back = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
     there, back = in_direction(there, DIRECTIONS.a_to_b), in_direction(back, DIRECTIONS.b_to_a)
     whole = larger(reported(frame, there), reported(frame, back))
-    steps = there.stats["steps"] + back.stats["steps"]
-    return MeasuredPairs(
-        whole.value, whole.lower, whole.upper, jnp.asarray(whole.result._value, int), steps.astype(int)
-    )
+    return MeasuredPairs(whole.value, whole.lower, whole.upper, jnp.asarray(whole.result._value, int))
 
 
 def _in_common(frame: Frame, row: CurveRows) -> BezierSegments:

@@ -67,8 +67,8 @@ class Store:
                 f"the fingerprint of this call is {mine}. Name another folder, or pass the inputs it was made for."
             )
 
-    def read(self, part: int, count: int) -> MeasuredPairs | None:
-        """Return the distances of a part of `count` pairs; None if they are missing or damaged."""
+    def read(self, part: int) -> MeasuredPairs | None:
+        """Return the distances of a part; None if they are missing or damaged."""
         try:
             stored = self._path(part).read_bytes()
         except OSError:
@@ -77,8 +77,7 @@ class Store:
         if hashlib.sha256(body).digest() != checksum:
             return None
         rows = np.load(io.BytesIO(body), allow_pickle=False)
-        value, lower, upper, result = (rows[name] for name in _PART.names or ())
-        return MeasuredPairs(value, lower, upper, result, np.zeros(count, int))
+        return MeasuredPairs(*(rows[name] for name in _PART.names or ()))
 
     def write(self, part: int, found: MeasuredPairs) -> None:
         """Store a part."""

@@ -49,7 +49,7 @@ class DistanceTable:
         """Measure all pairs except in parts that the store has, and store new parts."""
         try:
             for part, (rows, columns) in enumerate(self._parts()):
-                known = None if store is None else store.read(part, len(rows))
+                known = None if store is None else store.read(part)
                 if known is not None:
                     self._put(rows, columns, known)
                     report(self.done, self.total)
@@ -60,8 +60,7 @@ class DistanceTable:
                     self.computed, left = self.computed + len(index), left - len(index)
                     # A report may end the call; a whole part is stored before.
                     if store is not None and not left:
-                        value, lower, upper, result = (array[rows, columns] for array in self._arrays())
-                        store.write(part, MeasuredPairs(value, lower, upper, result, np.zeros_like(result)))
+                        store.write(part, MeasuredPairs(*(array[rows, columns] for array in self._arrays())))
                     report(self.done, self.total)
         except Exception as error:
             if store is not None and (isinstance(error, BrokenExecutor) or type(error).__name__ in _LOST):
@@ -77,7 +76,7 @@ class DistanceTable:
             yield (row[column > row], column[column > row]) if same else (row, column)
 
     def _put(self, rows: np.ndarray, columns: np.ndarray, found: MeasuredPairs) -> None:
-        for array, numbers in zip(self._arrays(), found, strict=False):
+        for array, numbers in zip(self._arrays(), found, strict=True):
             array[rows, columns] = numbers
             if self._a is self._b:
                 array[columns, rows] = numbers

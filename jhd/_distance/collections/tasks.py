@@ -188,7 +188,5 @@ def _alone(a: Any, b: Any, level: float, ceiling: float, method: Any) -> Hausdor
     return pair.larger(pair.reported(there), pair.reported(back))
 
 
-def _plain(solution: HausdorffSolution) -> tuple[float, float, float, int, int]:
-    steps = sum(int(x) for name, x in solution.stats.items() if name.endswith("steps"))
-    value, lower, upper = (float(x) for x in (solution.value, solution.lower, solution.upper))
-    return value, lower, upper, int(solution.result._value), steps
+def _plain(solution: HausdorffSolution) -> tuple[float, float, float, int]:
+    return float(solution.value), float(solution.lower), float(solution.upper), int(solution.result._value)
