@@ -291,21 +291,7 @@ def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
 def _mixed_directed(
     a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
 ) -> HausdorffSolution:
-    """The directed distance of two shapes of any kinds, in their own coordinates.
-
-    The value is differentiable in both, twice.
-
-    Args:
-        a: points, BezierSegments, BezierPatches, an ImplicitSurface or a TriangleMesh; in space unless both are points.
-        b: a shape of these kinds.
-        method: the options.
-        aim: range of distances that matter.
-        listener: listener of the call; not under tracing.
-        direction: a member of DIRECTIONS.
-
-    Raises:
-        ValueError: an implicit surface without points in its box (not under tracing).
-    """
+    """The directed distance of two shapes of any kinds, in their own coordinates, differentiable in both, twice."""
     meshes = body_of(a).meshes_with(body_of(b))
     if meshes is not None:
         found = mesh_directed(*undifferentiated(meshes), method, aim, listener, direction)

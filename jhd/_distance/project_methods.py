@@ -6,9 +6,7 @@ the control point nearest to P and are for comparison: they miss the nearest poi
 certify nothing, and no bound relies on them.
 
 Changes to the source of the local methods: they serve any number of segments of any degree, also rational ones, and
-keep parameters in [0, 1]. Interval halving stops when the interval is at most its tolerance. The source stops when the
-three distances differ by at most a tolerance, which depends on the unit and ends early at a flat minimum. Newton's
-method stops at a step of at most its tolerance; the source names no criterion.
+keep parameters in [0, 1].
 
 Source: Shortest distance from a point to a Bezier curve (halving, Newton, hybrid); Patrikalakis & Maekawa, Shape
 Interrogation (2002), chapter 4.
@@ -149,7 +147,8 @@ class ProjectedPolyhedronProjection(AbstractProjectionMethod):
 class IntervalHalvingProjection(AbstractProjectionMethod):
     """Nearest points on curves by interval halving: step to the better neighbor, or halve the interval; a local method.
 
-    Change to the source: it stops on the interval. The source stops on the differences of the three distances.
+    Change to the source: it stops on the interval. The source stops on the differences of the three distances, which
+    depend on the unit and end early at a flat minimum.
 
     Args:
         interval: initial interval of the parameter.

@@ -1,9 +1,6 @@
 """Signed distances to triangle meshes: negative inside, by winding number or by normals at the nearest point.
 
-The winding number is the default: it needs no closed mesh, and tolerates self-intersections and wrong triangles. The
-pseudonormal at the foot point is exact for closed meshes without self-intersections, and wrong for others. The
-published average of the normals at the foot point, without weights, is also wrong at some sharp vertices; it is for
-comparison.
+The winding number is the default: it needs no closed mesh, and tolerates self-intersections and wrong triangles.
 
 Sources: Jacobson et al. 2013 and Barill et al. 2018 (see jhd._triangles.winding); Baerentzen & Aanaes, Signed distance
 computation using the angle weighted pseudonormal (2005); the average: Lin03 ("3-D signed Euclidean distance transform

@@ -90,11 +90,8 @@ def _is_wide() -> bool:
 def _by_rows(function: Callable[..., Any], like: Any, ranks: list[int], values: Any) -> Any:
     """Evaluate a function of rows and other arguments for a batch: one call for each of the other arguments.
 
-    Args:
-        function: maps the arguments to a result for each row.
-        like: the form of the result without a batch.
-        ranks: of the leaves of the arguments without a batch.
-        values: the arguments. Axes of the batch come first; an axis of length one is not batched.
+    `like` and `ranks` describe the result and the leaves of the arguments without the axes of the batch, which come
+    first; an axis of length one is not batched.
     """
     leaves, form = jax.tree_util.tree_flatten(values)
     batches = [x.shape[: x.ndim - rank] for x, rank in zip(leaves, ranks, strict=True)]
