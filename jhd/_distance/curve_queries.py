@@ -51,21 +51,11 @@ from jhd._shapes.curve import BezierSegments
 from jhd._shapes.joints import followed_here
 from jhd._shapes.unchecked import trusted
 
-# Queries of a block that a CPU takes one by one: it may as well be filled in part.
-_ROWS = 256
 # Numbers of queries that other executables are compiled for; more queries are done in blocks of the last size.
 _BLOCKS = (1, 16, 128, 1024)
-# Block size for long curves, which are prepared for each block.
-_LONG_BLOCK = 4096
 # Up to this number of queries, all curves of few segments share one size. More queries look at every segment so often
 # that repeated segments double the time.
 _FEW = 16
-# A larger change of the parameter by one more Newton step is no correction: the local methods may stop anywhere.
-_MENDED = 1e-6
-# Binary orders of magnitude that queries may differ by to be scaled together.
-_APART = 64
-# Queries searched in one batch: more wait for the slowest query, fewer leave vector units idle.
-_CHUNK = 128
 
 
 def projected_on_curve(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments) -> Projection:
@@ -148,7 +138,8 @@ def _of_known(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndarra
     """Return results for known queries in rows. Queries far beyond others have a scale of their own."""
     size = np.max(np.abs(flat), axis=1, initial=np.max(np.abs(curve.control_points)))
     exponent = np.frexp(np.where(np.isfinite(size), size, 0.0))[1]
-    apart = (exponent - exponent.min()) // _APART
+    # Binary orders of magnitude that queries may differ by to be scaled together.
+    apart = (exponent - exponent.min()) // 64
     if len(groups := np.unique(apart)) == 1:
         return _of_similar(one, answer, option, flat, curve)
     out = jax.tree_util.tree_map(lambda s: np.empty((len(flat), *s.shape), s.dtype), answer)
@@ -169,7 +160,8 @@ def _of_similar(one: Callable[..., Any], answer: Any, option: Any, flat: np.ndar
     flat, padded, frame = _scaled(flat, curve, padded_count(curve.count, small=len(flat) > _FEW))
     used = np.asarray(curve.count)
     if calls_host() and not _in_groups(option, padded):
-        found = of_known_rows(one, answer, flat, (option, padded, used), _ROWS)
+        # Queries of a block that a CPU takes one by one: it may as well be filled in part.
+        found = of_known_rows(one, answer, flat, (option, padded, used), 256)
     else:
         found = _by_blocks(one, option, used, flat, padded)
     return _finite(_unscaled(found, frame), good)
@@ -195,7 +187,8 @@ def _by_blocks(one: Callable[..., Any], option: Any, used: Any, queries: Any, cu
     """Return results for known queries, padded by repetition to blocks of a few sizes."""
     together = _in_groups(option, curve)
     order: Any = _order(queries) if together else slice(None)
-    size = next((b for b in _BLOCKS if b >= len(queries)), _LONG_BLOCK if together else _BLOCKS[-1])
+    # Block size for long curves, which are prepared for each block.
+    size = next((b for b in _BLOCKS if b >= len(queries)), 4096 if together else _BLOCKS[-1])
     rows = queries[order][np.minimum(np.arange(-(-len(queries) // size) * size), len(queries) - 1)]
     found = [_block(one, option, block, curve, used) for block in rows.reshape(-1, size, curve.dim)]
     joined = jax.tree_util.tree_map(lambda *parts: np.concatenate(parts)[: len(queries)], *found)
@@ -264,7 +257,8 @@ def _order(points: Any) -> np.ndarray:
 def _block(one: Callable[..., Any], option: Any, queries: Array, curve: BezierSegments, used: Any) -> Any:
     """Return results for some queries."""
     if not _in_groups(option, curve):
-        return in_chunks(lambda query: one(option, curve, used, query), queries, _CHUNK)
+        # Queries searched in one batch: more wait for the slowest query, fewer leave vector units idle.
+        return in_chunks(lambda query: one(option, curve, used, query), queries, 128)
     blocks = blocks_of(curve)
 
     def of_group(points: Array) -> Projection:
@@ -282,7 +276,8 @@ def _projection(curve: BezierSegments, point: Array, found: NearestOnCurve, resu
     piece = piece_of(curve, found.segment)
     # Distances are accurate when the parameter is off by the root of the roundoff; one step corrects the parameter.
     t = stationary(found.t, point, piece, is_held(point, piece, found.t))
-    t = jnp.where(jnp.abs(t - found.t) < _MENDED, jnp.clip(t, 0.0, 1.0), found.t)
+    # A larger change of the parameter by one more Newton step is no correction: the local methods may stop anywhere.
+    t = jnp.where(jnp.abs(t - found.t) < 1e-6, jnp.clip(t, 0.0, 1.0), found.t)
     return Projection(found.distance, found.lower, found.upper, jet(*piece, t).point, found.segment, t, result)
 
 

@@ -33,16 +33,8 @@ from jhd._shapes.checks import Numbers, check_same_dim
 from jhd._shapes.prepared import working
 from jhd.progress import Callback
 
-# Without a given tolerance, gaps up to this fraction of the diagonal stay.
-_SHARE = 1e-6
-# Gap that rounding leaves between bounds, in units of roundoff of coordinates of at most one.
-_ROUNDINGS = 4096
-# Most steps of the search; its cells end it much earlier.
-_MAX_STEPS = 4000
 # Times that the largest cells are cut if none has a proven length or area, and number of cells cut each time.
 _LOOKS, _LOOKED_AT = 12, 16
-# Weights up to this power of two, and from its inverse on, are taken as they are: sums of their products are numbers.
-_EXTREME = 400
 
 
 class _Asked(NamedTuple):
@@ -175,7 +167,8 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     check_scalar("rtol", relative)
     if given is None:
         size = joint_diagonal(in_space(a), in_space(b))
-        given = _SHARE * min(size, np.finfo(np.asarray(size).dtype).max)
+        # Without a given tolerance, gaps up to this fraction of the diagonal stay.
+        given = 1e-6 * min(size, np.finfo(np.asarray(size).dtype).max)
     return float(given), float(relative)
 
 
@@ -216,14 +209,16 @@ def _distributed(
     target, size = b.target_in(pair.b)
     dtype = dtype_of(a.shape)
     # Smaller gaps cannot be resolved: bounds err by some hundred roundings to both sides.
-    floor = 8 * moved + _ROUNDINGS * float(np.finfo(dtype).eps) * (1 + size)
+    # Gap that rounding leaves between bounds, in units of roundoff of coordinates of at most one.
+    floor = 8 * moved + 4096 * float(np.finfo(dtype).eps) * (1 + size)
     atol = max(float(frame.common(np.asarray(asked.atol))), floor)
 
     def allowed(upper: float) -> float:
         return max(atol, asked.rtol * upper)
 
     most = float(frame.common(np.asarray(maximum.upper, np.float64), np.inf)) + moved
-    limits = most, allowed, asked.max_cells, _MAX_STEPS, asked.quantile
+    # Most steps of the search; its cells end it much earlier.
+    limits = most, allowed, asked.max_cells, 4000, asked.quantile
     listener = Listener(progress, frame, "mean")
     ends = listener.is_over if isinstance(progress, Limited) else None
     search = DistributionSearch(source, target, dtype, *limits, a.heights(b, pair, target), ends)
@@ -248,7 +243,9 @@ def _moderate(counts: np.ndarray | None) -> np.ndarray | None:
     Weights that underflow are negligible compared with the largest weight. Others keep their digits.
     """
     power = 0 if counts is None else int(common_exponent(counts))
-    return counts if counts is None or abs(power) <= _EXTREME else np.ldexp(counts, -power)
+    # Weights up to this power of two, and from its inverse on, are taken as they are: sums of their products are
+    # numbers.
+    return counts if counts is None or abs(power) <= 400 else np.ldexp(counts, -power)
 
 
 def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:

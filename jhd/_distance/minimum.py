@@ -29,9 +29,6 @@ from jhd._shapes.curve import BezierSegments
 from jhd._shapes.prepared import working
 from jhd.progress import Callback
 
-# A set of at least this many points is searched by a tree, or thinned out before the search.
-_FEW = 256
-
 
 @sized_by_method
 def minimum_distance(
@@ -231,7 +228,8 @@ def _thinned(points: AbstractBody, other: AbstractBody) -> AbstractBody:
 
     For a curve they are found by `project`, without duplicates.
     """
-    if points.dimension != 0 or points.shape.count <= _FEW:
+    # A set of at least this many points is searched by a tree, or thinned out before the search.
+    if points.dimension != 0 or points.shape.count <= 256:
         return points
     if other.dimension != 1:
         return PointBody(nearest_points(points.shape, body_of(working(undifferentiated(other.shape))).target()))

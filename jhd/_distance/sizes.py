@@ -18,11 +18,6 @@ from jhd._shapes.as_shape import ShapeLike, check_shape, taken_as
 from jhd._shapes.checks import Numbers
 from jhd._shapes.sizes import SIZE_OF
 
-# Fraction of the gap that the cells which are cut leave.
-_LEFT = 0.2
-# The default tolerance, as a fraction of the diagonal or of its square.
-_SHARE = 1e-12
-
 
 def arc_length(
     curve: ShapeLike,
@@ -131,7 +126,8 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool, clock
     if diagonal == 0:  # all control points are one
         return Bounds(0.0, 0.0)
     with np.errstate(over="ignore", under="ignore"):
-        share = _SHARE * np.float64(diagonal) ** source.dimension
+        # The default tolerance, as a fraction of the diagonal or of its square.
+        share = 1e-12 * np.float64(diagonal) ** source.dimension
     # Bounds of a measure below the normal numbers are one of these apart at least.
     absolute = max(float(share), np.finfo(np.float64).tiny) if given is None else float(given)
     cells = source.cover()
@@ -144,7 +140,8 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int, throw: bool, clock
             return found
         gap = flat.upper - flat.lower
         order = np.argsort(-gap)
-        wide = order[: 1 + int(np.searchsorted(np.cumsum(gap[order]), (1 - _LEFT) * np.sum(gap)))]
+        # The cells that are cut hold this fraction of the gap.
+        wide = order[: 1 + int(np.searchsorted(np.cumsum(gap[order]), 0.8 * np.sum(gap)))]
         full = len(gap) + 3 * len(wide) > max_cells
         if full or clock.is_over():
             if not throw:

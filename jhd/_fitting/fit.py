@@ -32,9 +32,6 @@ from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
 from jhd.progress import Callback, Progress
 
-# Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
-_CAPACITIES = ((14, 32), (40, 64))
-_LARGEST_CAPACITY = 128
 # Fits of a higher degree have no fewer segments, and take minutes to compile.
 _LARGEST_DEGREE = 32
 
@@ -394,7 +391,8 @@ class _Flat(eqx.Module):
 
 
 def _capacity(count: int) -> int:
-    return next((capacity for most, capacity in _CAPACITIES if count <= most), _LARGEST_CAPACITY)
+    # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
+    return 32 if count <= 14 else 64 if count <= 40 else 128
 
 
 def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: Shape) -> np.ndarray:

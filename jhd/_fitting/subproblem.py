@@ -10,9 +10,6 @@ import numpy as np
 
 from jhd._arithmetic.least_squares import non_negative
 
-# Fraction of the way to the boundary that a step takes.
-_SHARE = 0.995
-
 FloatArray = Any
 
 
@@ -68,7 +65,8 @@ def model_step(
         if step is None:
             break
         # One length for all: the constraints are curved.
-        length = _SHARE * min(_longest(slack, step[1]), _longest(y, step[2]))
+        # Fraction of the way to the boundary that a step takes.
+        length = 0.995 * min(_longest(slack, step[1]), _longest(y, step[2]))
         x, slack, y = x + length * step[0], slack + length * step[1], y + length * step[2]
     return np.clip(x[:-1], -1.0, 1.0) * radius
 

@@ -48,8 +48,6 @@ Report = Callback | None
 
 # Pairs that are sent out before their results are put away.
 _PAIRS = 1 << 14
-# Pairs whose bounds are held at once: a hundred bytes each while they are compared.
-_BOUNDS = 10**6
 
 
 class Pairwise(AbstractOutcome):
@@ -213,7 +211,8 @@ def nearest_shapes(
     if k > len(b):
         raise ValueError(f"k is {k}; there are {len(b)} shapes.")
     _check_method(method, a, b, (BranchAndBound,))
-    step, parts, hears = max(1, _BOUNDS // len(b)), [], limited(method, progress, max_seconds)
+    # Pairs whose bounds are held at once: a hundred bytes each while they are compared.
+    step, parts, hears = max(1, 10**6 // len(b)), [], limited(method, progress, max_seconds)
     with workers(executor) as pool:
         bounds = PivotBounds(*_both_pivots(pool, a, b, progress))
         for start in range(0, len(a), step):

@@ -21,9 +21,6 @@ from jhd._distance.search.search import ended_by
 from jhd._results.batches import AbstractOutcome
 from jhd._results.outcomes import RESULTS
 
-# Shapes of each query that are measured in one round, at most: later rounds know better bounds.
-_WIDTH = 8
-
 
 class Standings(NamedTuple):
     """Bounds and results of the distances from some queries to all shapes."""
@@ -107,7 +104,8 @@ def nearest_of(
                 known.value[at], known.result[at] = found.value, found.result
                 done += len(index)
                 report(done, total)
-            width = min(2 * width, max(_WIDTH, k))
+            # Shapes of each query that are measured in one round, at most: later rounds know better bounds.
+            width = min(2 * width, max(8, k))
     except KeyboardInterrupt as stop:
         unfinished = ended_by(stop)
     return _named(known, k, done, unfinished)

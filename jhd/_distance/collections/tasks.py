@@ -30,10 +30,6 @@ from jhd._shapes.curve import BezierSegments
 _AHEAD = 3
 # The same for executors that do not tell their number of workers.
 _OPEN = 64
-# Seconds after which one who waits for a task looks for an interrupt, which wakes nobody there.
-_LISTENING = 0.1
-# Pairs of a task that are searched one after the other.
-_ALONE = 8
 
 
 class AskedPairs(NamedTuple):
@@ -96,7 +92,8 @@ def _finished(running: dict[Future, Any], heard: list[int]) -> set[Future]:
     """Return the finished ones, at least one unless none runs or an interrupt is heard."""
     done: set[Future] = set()
     while running and not heard and not done:
-        done = wait(list(running), _LISTENING, FIRST_COMPLETED).done
+        # Seconds after which one who waits for a task looks for an interrupt, which wakes nobody there.
+        done = wait(list(running), 0.1, FIRST_COMPLETED).done
     return done
 
 
@@ -137,7 +134,8 @@ def _tasks(
     for k, (i, j) in enumerate(zip(pairs.rows.tolist(), pairs.columns.tolist(), strict=True)):
         kinds[_kind(a.shapes[i], b.shapes[j], method)].append(k)
     for kind, members in sorted(kinds.items(), key=lambda item: (item[0] is None, item[0])):
-        length = _ALONE if kind is None else SIZES[kind.size]
+        # Pairs of a task that are searched one after the other.
+        length = 8 if kind is None else SIZES[kind.size]
         for start in range(0, len(members), length):
             index = np.array(members[start : start + length])
             some = AskedPairs(*(x[index] for x in pairs))

@@ -23,19 +23,16 @@ from jhd._distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd._runtime.arrays import varying
 from jhd._shapes.curve import BezierSegments
 
-# From this number of segments on blocks are faster than all segments at once.
-_LONG = 512
 # Segments of a block, and queries of a group.
 _BLOCK, _GROUP = 64, 128
 # Segments that are searched at once: of a query's own, few suffice if segments are nearly straight.
 _LISTED = 8
-# Blocks that are looked at for a guess; more are in reach only if very many segments are equally far.
-_GUESSED = 64
 
 
 def is_long(curve: BezierSegments) -> bool:
     """Return whether a curve has enough segments for blocks to pay off."""
-    return curve.count >= _LONG
+    # From this number of segments on blocks are faster than all segments at once.
+    return curve.count >= 512
 
 
 class Blocks(NamedTuple):
@@ -107,7 +104,8 @@ def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
 
     count = points.shape[0]
     start = jnp.full(count, jnp.inf, points.dtype), jnp.zeros(count, int)
-    _, (_, chosen) = _nearest_first(blocks, points, lambda found: jnp.sqrt(jnp.max(found[0])), look, start, _GUESSED)
+    # Blocks that are looked at for a guess; more are in reach only if very many segments are equally far.
+    _, (_, chosen) = _nearest_first(blocks, points, lambda found: jnp.sqrt(jnp.max(found[0])), look, start, 64)
     k, i = chosen // _BLOCK, chosen % _BLOCK
     rows = (blocks.start[k, i], blocks.chord[k, i], blocks.inverse[k, i])
     return blocks.segment[k, i], jax.vmap(square_and_parameter)(points, *rows)[1]

@@ -42,16 +42,11 @@ _CAPACITY = 32
 # Cuts for one point, in addition to one for each segment. Random queries take 1 to 6; a point at the center of a nearly
 # circular stretch some 60.
 _MAX_STEPS = 400
-# Newton steps for a local foot; it is started at the smallest coefficient, so three reach full precision mostly.
-_NEWTON_STEPS = 4
 # A foot closer to an end than this fraction of the cell does not serve as a cut; the cut is then _ZOOM from that end.
 _NEAR_END = 0.01
 _ZOOM = 0.125
 # Cells are closed a little below the tolerance, so that rounding of the comparison cannot exceed it.
 _CLOSE = 0.99
-# Cells that cannot be cut again are closed at this multiple of the tolerance. In single precision, of 18,000 queries of
-# curves with even weights, five stay open at one tolerance and none at eight.
-_SETTLED = 8
 
 
 class NearestOnCurve(eqx.Module):
@@ -143,7 +138,9 @@ def nearest(
     state = jax.lax.while_loop(unfinished, step, varying(state, offsets, weights, tolerance))
     lower = jnp.minimum(jnp.minimum(_open_lower(state), state.settled), state.best.upper)
     # Cells of a few ulp are settled with the bounds they have, which are wide if weights are very uneven.
-    closed = lower >= state.best.upper - _SETTLED * tolerance
+    # Cells that cannot be cut again are closed at this multiple of the tolerance. In single precision, of 18,000
+    # queries of curves with even weights, five stay open at one tolerance and none at eight.
+    closed = lower >= state.best.upper - 8 * tolerance
     closed &= _open_lower(state) >= state.best.upper - tolerance
     return eqx.tree_at(
         lambda n: (n.lower, n.closed, n.steps), state.best, (jnp.maximum(lower, 0.0), closed, state.steps)
@@ -233,7 +230,8 @@ def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tole
     """Improve the foot inside the cell, cut there, and keep the halves that may hold a nearer point."""
     degree, radius = e.shape[0] - 1, jnp.max(jnp.abs(e))
     least, low, high, start = cell.numbers
-    foot = foot_in(0.0, Piece(e, w), start, _NEWTON_STEPS, low, high)
+    # Newton steps for a local foot; it is started at the smallest coefficient, so three reach full precision mostly.
+    foot = foot_in(0.0, Piece(e, w), start, 4, low, high)
     distance, upper = length_bound(jet(e, w, foot).point, degree, radius)
     best = state.best
     nearer = upper < best.upper

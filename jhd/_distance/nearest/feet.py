@@ -14,14 +14,6 @@ from jhd._distance.normalization.pieces import Piece, is_point, piece_of
 from jhd._runtime.arrays import module_of, varying
 from jhd._shapes.curve import BezierSegments
 
-# A foot at an end of its segment is free if the slope of the distance is below this fraction of its size: Newton's
-# method stops within the root of rounding, 1e-8, of a free foot. A fraction of |A - B| |B'| is an angle, which tells a
-# foot on a corner from a foot next to it; a fraction of |B'|^2 counts feet as free if A - B is rounding.
-_HELD = 1e-7
-# A speed below this fraction of the segment's extent counts as zero: the segment stands still there.
-_STILL = 1e-9
-# Rounding of (B - P).B' in common coordinates, in units of roundoff of |B - P| + |B'|.
-_ROUNDED = 256
 # The equation has a slope, and a foot moves, if the slope is above this fraction of |B'|^2.
 _SINGULAR = 1e-10
 # Newton's step is short below a quarter of the segment: four times the residual must be below the slope.
@@ -50,7 +42,8 @@ class FootEquation(NamedTuple):
     def rounding(self) -> Array:
         """Bound the residual at a foot that rounding can cause, in common coordinates."""
         eps = float(jnp.finfo(self.residual.dtype).eps)
-        return _ROUNDED * eps * (jnp.sqrt(self.distance_sq) + jnp.sqrt(self.square))
+        # Rounding of (B - P).B' in common coordinates, in units of roundoff of |B - P| + |B'|.
+        return 256 * eps * (jnp.sqrt(self.distance_sq) + jnp.sqrt(self.square))
 
     @property
     def is_simple(self) -> Array:
@@ -212,7 +205,8 @@ def holds(here: FootEquation, piece: Piece, s: Array) -> Array:
 def stands_still(first: Any, control_points: Any) -> Any:
     """Return whether a derivative of a segment is zero up to rounding; for NumPy and leading axes, too."""
     extent = abs(control_points - control_points[..., :1, :]).max((-2, -1))
-    return abs(first).max(-1) <= _STILL * extent
+    # A speed below this fraction of the segment's extent counts as zero: the segment stands still there.
+    return abs(first).max(-1) <= 1e-9 * extent
 
 
 def by_normal(apart_sq: Any, speed_sq: Any) -> Any:
@@ -226,7 +220,10 @@ def by_normal(apart_sq: Any, speed_sq: Any) -> Any:
 
 def stays(s: Any, slope: Any, size: Any) -> Any:
     """Return whether a foot is at an end of its segment, with a slope above the rounding of `size`; in NumPy too."""
-    return ((s <= 0) | (s >= 1)) & (abs(slope) > _HELD * size)
+    # A foot at an end of its segment is free if the slope of the distance is below this fraction of its size: Newton's
+    # method stops within the root of rounding, 1e-8, of a free foot. A fraction of |A - B| |B'| is an angle, which
+    # tells a foot on a corner from a foot next to it; a fraction of |B'|^2 counts feet as free if A - B is rounding.
+    return ((s <= 0) | (s >= 1)) & (abs(slope) > 1e-7 * size)
 
 
 def presses(s: Any, slope: Any, size: Any) -> Any:

@@ -17,12 +17,8 @@ from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import CurvePlace, piece_of
 from jhd._shapes.curve import BezierSegments
 
-# Samples of each segment for the first feet.
-_SEEDS = 4
 # Points whose nearest samples are searched in one batch.
 _SIDE_BY_SIDE = 256
-# Fewer segments close without bounds by straight runs, and compile sooner.
-_RUNS_FROM = 16
 
 
 class _NearSamples(NamedTuple):
@@ -65,8 +61,10 @@ class NearCurve(NamedTuple):
 def near_curve(curve: BezierSegments, long: bool, seeds: int = 0) -> NearCurve:
     """Return the curve in blocks if it or the other curve is long, else with at least `seeds` samples a segment."""
     skip = repeated(curve.control_points, curve.weights)
-    runs = runs_of(curve) if curve.count >= _RUNS_FROM else None
-    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve, max(seeds, _SEEDS)), runs)
+    # Fewer segments close without bounds by straight runs, and compile sooner.
+    runs = runs_of(curve) if curve.count >= 16 else None
+    # Samples of each segment for the first feet.
+    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve, max(seeds, 4)), runs)
 
 
 def _samples(b: BezierSegments, seeds: int) -> _NearSamples:

@@ -28,13 +28,6 @@ from jhd._shapes.implicit import ImplicitSurface
 
 # The longest step, as a fraction of the box, and how far from singular the system of a foot has to be.
 _LONGEST, _DEFINITE = 0.3, 0.1
-# The distance grows along a direction if this second derivative of half the squared distance is exceeded.
-_GROWS = 0.5
-# A direction within a face serves unless the gradient is this much longer.
-_TANGENT = 0.1
-# A change of sign farther away than this proves nothing about the point itself; near singular points it is about the
-# root of the roundoff.
-_FARTHEST = 1e-6
 # Steps of signs in integers, as powers of two of the roundoff of the largest coordinate.
 _RADII = (-2, 1, 4, 8)
 # If the gradient vanishes, changes of sign are searched at these distances.
@@ -115,7 +108,8 @@ def returned(side: Side, points: Float[Array, "3 points"], steps: int) -> Float[
 def _within(q: Array, gradient: Array, lower: Array, upper: Array) -> Array:
     """Return the part of the gradient within the faces that hold a point; all of it if that part is negligible."""
     within = jnp.where((q <= lower) | (q >= upper), 0.0, gradient)
-    enough = jnp.sum(within**2, axis=0) > _TANGENT**2 * jnp.sum(gradient**2, axis=0)
+    # A direction within a face serves unless the gradient is this much longer.
+    enough = jnp.sum(within**2, axis=0) > 0.1**2 * jnp.sum(gradient**2, axis=0)
     return jnp.where(enough, within, gradient)
 
 
@@ -141,7 +135,8 @@ def _tangential(apart: Array, gradient: Array, hessian: Array, held: Array) -> A
     root = jnp.sqrt(jnp.maximum(0.25 * trace**2 - minor, 0.0))
     first, second = 0.5 * trace + root, 0.5 * trace - root
     across = (first * (eye - unit[:, None] * unit) - h) / positive(first - second)
-    h = jnp.where(definite, h, jnp.where(1 + first > _GROWS, h + (size - second) * across, size * eye))
+    # The distance grows along a direction if this second derivative of half the squared distance is exceeded.
+    h = jnp.where(definite, h, jnp.where(1 + first > 0.5, h + (size - second) * across, size * eye))
     return _solved(h + eye, t)
 
 
@@ -180,7 +175,9 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     radius = round_up(jnp.maximum(*far))
     radius = jnp.where(proven & inside, radius, jnp.inf)
     radius = jnp.minimum(radius, isolated_radius(side.isolated, points))
-    radius = jnp.where(radius <= like_double(_FARTHEST, points.dtype), radius, jnp.inf)
+    # A change of sign farther away than this proves nothing about the point itself; near singular points it is about
+    # the root of the roundoff.
+    radius = jnp.where(radius <= like_double(1e-6, points.dtype), radius, jnp.inf)
     return jnp.where(inside & _on_vanishing(side, points, lower, upper), 0.0, radius)
 
 

@@ -24,14 +24,8 @@ _GRID, _PLACES = 8, 12
 CLOUD_STEPS = 7
 # Smallest capacity of open cells of a search, and cells cut in a step.
 CAPACITY, _LANES = 2048, 16
-# Largest number of steps for CAPACITY open cells, and in proportion for more.
-_MAX_STEPS = 300
-# Cells of this width are not cut any more: a few units of roundoff of the coordinates.
-_NARROW = 2.0**-48
 # Points of a cloud from which feet are searched, and Newton steps for feet.
 _STARTS, _FOOT_STEPS = 8, 5
-# Least gap, in units of roundoff.
-_CLOSE = 16
 # Half sides of the cubes about a foot in which it may be proven to be the nearest point, as fractions of the box.
 _CUBES = 2.0 ** -np.arange(1.0, 9.0)
 
@@ -148,7 +142,8 @@ def nearest(
         capacity: largest number of open cells; the number of steps is proportional to it.
         most: number of open cells beyond which the search stops with valid, wider bounds; None means never.
     """
-    max_steps = _MAX_STEPS * capacity // CAPACITY
+    # Largest number of steps for CAPACITY open cells, and in proportion for more.
+    max_steps = 300 * capacity // CAPACITY
     most = capacity if most is None else most
     u = unit_roundoff(point.dtype)
 
@@ -162,7 +157,8 @@ def nearest(
 
     def target(state: _SurfaceQuery) -> Array:
         upper = state.upper
-        least_gap = jnp.maximum(close, _CLOSE * u * (1 + jnp.where(jnp.isfinite(upper), upper, 0.0)))
+        # Least gap, in units of roundoff.
+        least_gap = jnp.maximum(close, 16 * u * (1 + jnp.where(jnp.isfinite(upper), upper, 0.0)))
         return jnp.minimum(upper - least_gap, state.closed)
 
     def open_(state: _SurfaceQuery) -> Array:
@@ -174,7 +170,8 @@ def nearest(
         _, index = jax.lax.top_k(-state.bound.astype(jnp.float32), _LANES)
         taken, parents = state.rows[index].T, state.bound[index]
         live = parents < target(state)
-        narrow = jnp.max(taken[3:] - taken[:3], axis=0) < like_double(_NARROW, taken.dtype)
+        # Cells of this width are not cut any more: a few units of roundoff of the coordinates.
+        narrow = jnp.max(taken[3:] - taken[:3], axis=0) < like_double(2.0**-48, taken.dtype)
         # Cells that are close enough, or too narrow to cut, leave the table but count. Single precision orders the
         # table too coarsely to tell them from the others, so they must not stay there.
         closed = jnp.minimum(state.closed, jnp.min(jnp.where(live & ~narrow, jnp.inf, parents)))

@@ -30,9 +30,6 @@ from jhd._triangles.closest_point import (
     triangles_within,
 )
 
-# Most triangles near a point that are examined one by one.
-_FEW = 32
-
 
 class ProvenFeet(NamedTuple):
     """Nearest points of a shape, in the user's coordinates."""
@@ -276,7 +273,8 @@ def _left(tree: TriangleTree, distance: float) -> float:
 def _within(tree: TriangleTree, points: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return pairs of points and sorted triangles (or points) that may be within `reach` of them, if these are few."""
     tree, scaled = in_unit_of(tree, points)
-    return triangles_within(tree, scaled, np.ldexp(outward(reach, 0, scaled.dtype, 1), -tree.exponent), _FEW)
+    # Most triangles near a point that are examined one by one.
+    return triangles_within(tree, scaled, np.ldexp(outward(reach, 0, scaled.dtype, 1), -tree.exponent), 32)
 
 
 def _hinted(tree: TriangleTree, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

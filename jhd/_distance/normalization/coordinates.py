@@ -21,8 +21,6 @@ from jhd._arithmetic.scaling import common_exponent, ldexp, length, scale_of, ti
 from jhd._results.solution import RESULTS, HausdorffSolution, result_where, with_lengths
 from jhd._runtime.arrays import array_of, is_traced
 
-# Power of two that stands for no extent at all; single precision ends at 2^-126.
-_VANISHING = 100
 # An axis is moved exactly if the middle is at least this many half extents away: all coordinates are then within a
 # factor of two of the middle, and their differences to it are exact (Sterbenz).
 _FAR = 2.5
@@ -160,7 +158,8 @@ def frame_of(
     low, high = ldexp(low, -first), ldexp(high, -first)
     at = center(low, high)
     # If all points are equal, every difference is an exact zero: no length is left for a relative error.
-    return Frame(at, first, common_exponent(low - at, high - at, nothing=-_VANISHING), usable)
+    # Power of two that stands for no extent at all; single precision ends at 2^-126.
+    return Frame(at, first, common_exponent(low - at, high - at, nothing=-100), usable)
 
 
 def common_points(frame: Frame, x: Any) -> Any:

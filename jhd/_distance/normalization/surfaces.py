@@ -30,8 +30,6 @@ from jhd._shapes.implicit import ImplicitSurface
 
 # Degrees in each variable that are compiled; above the last one, each degree is compiled.
 _DEGREES = (2, 3, 4, 6, 8)
-# The largest denominator of coordinates that are tried for an isolated point.
-_SIMPLE = 1 << 12
 # Powers of two below this one, relative to the largest coefficient, are nothing.
 _LOWEST = -960
 
@@ -151,7 +149,8 @@ def _isolated(exact: np.ndarray, floats: np.ndarray, frame: Frame, box: list[Any
     def simple(place: np.ndarray) -> list[Fraction]:
         """Return a nearby point with short fractions in the user's coordinates."""
         there = [m + unit * Fraction(float(x)) for m, x in zip(middle, place, strict=True)]
-        return [(x.limit_denominator(_SIMPLE) - m) / unit for m, x in zip(middle, there, strict=True)]
+        # The largest denominator of coordinates that are tried for an isolated point.
+        return [(x.limit_denominator(1 << 12) - m) / unit for m, x in zip(middle, there, strict=True)]
 
     ends = lower.astype(np.float64), upper.astype(np.float64)
     return isolated_points(isolated_zeros(exact, floats, *ends, simple), lower, upper)

@@ -11,8 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-# How often two points narrow a bracket: its width is squared, so an eighth vanishes after half as many.
-_ROUNDS = 7
 # Half of the next bracket over the square of the current one, in lines, and the factor if it missed the breakpoint.
 _SHARE, _WIDER = 0.125, 8.0
 
@@ -46,7 +44,8 @@ def kinks(look: Callable[[np.ndarray], OnLines], low: np.ndarray, high: np.ndarr
     """
     first, last = look(low), look(high)
     share = np.full(len(low), _SHARE) / np.where(high > low, high - low, 1.0)
-    for _ in range(_ROUNDS):
+    # How often two points narrow a bracket: its width is squared, so an eighth vanishes after half as many.
+    for _ in range(7):
         middle, width = meeting(first, last)[0], last.place - first.place
         half = np.minimum(share * width, 0.25) * width
         first, last, before = _narrowed(look, first, last, middle - half)

@@ -30,8 +30,6 @@ _PARTS = 8
 _CHANGES, _KINK_HALVINGS = 6, 14
 # Multiplied with it, labels are scattered over all numbers (2^64 over the golden section).
 _ODD = np.int64(-7046029254386353131)
-# Halvings of cells before such changes are searched.
-_SHARP = 3
 
 
 class CellLines(NamedTuple):
@@ -246,7 +244,8 @@ def cut_at_kinks(
         alike: whether lines of a cell are also cut if they see one label only.
         step: number of halvings that made the cells.
     """
-    halvings = _KINK_HALVINGS if step >= _SHARP else 0
+    # Halvings of cells before changes of kind are searched.
+    halvings = _KINK_HALVINGS if step >= 3 else 0
     cut, smooth = cut_lines(cells, across, lambda lines: _kinks(lines, looked, alike), halvings, step)
     return ruled(cut, step).places, smooth
 

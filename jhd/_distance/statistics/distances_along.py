@@ -18,10 +18,6 @@ from jhd._distance.statistics.quadrature import along, nodes_of, resolved
 from jhd._distance.statistics.surface_quadrature import resolved_on_surface
 from jhd._runtime.arrays import array_of, is_traced, undifferentiated
 
-# The largest coordinate is at least this many times the smallest normal number: flushed numbers are then below a
-# ten-millionth of it, less than the error of estimates.
-_MARGIN = 2**24
-
 
 class Along(NamedTuple):
     """Distances to `b` at points along `a`."""
@@ -68,6 +64,8 @@ def common_scale(a: Any, b: Any) -> float:
 def check_size(a: Any, b: Any) -> None:
     """Raise ValueError if subnormal numbers, which compiled functions take for zero, would affect an estimate."""
     largest = max(float(np.max(np.abs(np.asarray(end)))) for x in undifferentiated((a, b)) for end in x.bounds)
-    least = _MARGIN * smallest_normal(dtype_of(a))
+    # The largest coordinate is at least this many times the smallest normal number: flushed numbers are then below a
+    # ten-millionth of it, less than the error of estimates.
+    least = 2**24 * smallest_normal(dtype_of(a))
     if 0 < largest < least:
         raise ValueError(f"coordinates are at most {largest:.2g}, too small for an estimate; scale both shapes.")

@@ -15,8 +15,6 @@ from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 
 # Derivatives that may be off by more than this are refused.
 _CONFIRMED = 1e-6
-# The same bound in units of roundoff.
-_ROUNDINGS = 1e4
 
 
 class Estimated(NamedTuple):
@@ -29,7 +27,8 @@ class Estimated(NamedTuple):
     def is_confirmed(self) -> bool:
         """Return whether the derivative is as accurate as promised, or not requested."""
         roundoff = float(np.finfo(self.value.dtype).eps)
-        return not is_traced(self.value) or self.off <= max(_CONFIRMED, _ROUNDINGS * roundoff)
+        # The same bound in units of roundoff.
+        return not is_traced(self.value) or self.off <= max(_CONFIRMED, 1e4 * roundoff)
 
     @property
     def is_known(self) -> bool:

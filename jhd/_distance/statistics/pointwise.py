@@ -31,12 +31,6 @@ from jhd._shapes.prepared import working
 
 # Bounds may differ by this fraction of the size; the pieces of a surface are cut into about this many parts in all.
 _CLOSE, _PARTS = 2.0**-27, 64
-# A distance up to this, in units of roundoff of coordinates of at most one, is not told from zero without a proof.
-_NOTHING = 256
-# Factor for derivatives that are to be confirmed: they jump where feet jump, but the distance does not.
-_PATIENCE = 4
-# The label of points at distance zero; other labels are not negative.
-_NO_PART = -2
 
 
 class Seen(NamedTuple):
@@ -70,7 +64,8 @@ class Sight:
             self._target = self._body.target()
         low, high = (np.asarray(end) for end in self.b.bounds)
         self._close = _CLOSE * float(np.max(high - low))
-        self.most = self._body.most_points * (_PATIENCE if derived else 1)
+        # Factor for derivatives that are to be confirmed: they jump where feet jump, but the distance does not.
+        self.most = self._body.most_points * (4 if derived else 1)
 
     def feet(self, points: np.ndarray) -> ProvenFeet:
         """Return the nearest feet of points, in the unit of b."""
@@ -118,7 +113,8 @@ class Sight:
         parts = self._body.smooth_parts(
             np.asarray(found.foot), np.asarray(found.segment, np.int64), np.asarray(found.t)
         )
-        label = np.where(distance > 0, parts, _NO_PART)
+        # The label of points at distance zero; other labels are not negative.
+        label = np.where(distance > 0, parts, -2)
         return Seen(distance, normal, slope, density, label)
 
     def moving(self, points: Array, b: Any) -> Array:
@@ -141,7 +137,8 @@ def told_from_zero(found: Any, scale: float) -> np.ndarray:
         scale: a power of two that makes coordinates at most one.
     """
     lower, distance = (np.asarray(undifferentiated(x)) for x in (found.lower, found.distance))
-    return (lower > 0) | (distance * scale > _NOTHING * float(np.finfo(distance.dtype).eps))
+    # A distance up to this, in units of roundoff of coordinates of at most one, is not told from zero without a proof.
+    return (lower > 0) | (distance * scale > 256 * float(np.finfo(distance.dtype).eps))
 
 
 def _cut(net: Net, count: int) -> Net:

@@ -30,12 +30,8 @@ _ON_CURVES, _ON_SURFACES, _COARSE = 9, 4, (3, 2, 1)
 _HALVINGS, _MOST_PLACES = 26, {1: 1 << 17, 2: 1 << 13}
 # A cell is done if a rule over it and over its parts differ by this fraction of the integral, on curves and surfaces.
 _AGREED = {1: 1e-13, 2: 1e-10}
-# The same for the direction, as a fraction of the length or area.
-_DIRECTED = 1e-9
 # Rounding errors of distances, in units of roundoff of coordinates of at most one.
 _ROUNDINGS = 64
-# Directions are unknown if distances are positive but on average at most this, in the same units.
-_UNKNOWN = 1 << 14
 # Numbers of nodes that are compiled.
 _PADDED = (64, 512, 1 << 13, 1 << 17, 1 << 18)
 
@@ -123,7 +119,8 @@ def resolved(net: Net, see: Callable[[Net, "Nodes"], Any], most: int | None = No
     values = _integrals(net, see, cells, count)
     done: list[ParameterCells] = []
     total = np.abs(np.sum(values, axis=0))
-    unknown = 0 < total[1] <= _UNKNOWN * float(np.finfo(values.dtype).eps) * total[0]
+    # Directions are unknown if distances are positive but on average at most this, in units of roundoff.
+    unknown = 0 < total[1] <= (1 << 14) * float(np.finfo(values.dtype).eps) * total[0]
     for _ in range(0 if unknown else _HALVINGS):
         settled = sum(len(c.piece) for c in done)
         if (settled + parts * len(cells.piece)) * each > most:
@@ -165,7 +162,8 @@ def _allowed(total: np.ndarray, values: np.ndarray, parameters: int) -> np.ndarr
     rounded = _ROUNDINGS * float(np.finfo(values.dtype).eps)
     least = _AGREED[parameters] * total[:3]
     room = rounded * np.column_stack([0 * values[:, 0], values[:, 0], 2 * values[:, 1]])
-    directions = np.repeat(_DIRECTED * total[0] + values[:, -1:], values.shape[1] - 4, axis=1)
+    # Rules for the direction may differ by this fraction of the length or area.
+    directions = np.repeat(1e-9 * total[0] + values[:, -1:], values.shape[1] - 4, axis=1)
     return np.concatenate([least + room, directions], axis=1)
 
 

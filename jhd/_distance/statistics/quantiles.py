@@ -34,18 +34,12 @@ _OFF = {
 }
 # More than this many times the allowed error is surely off; and the error of the fraction allowed at the end.
 _SURE, _REACHED = 10.0, {1: 1e-12, 2: 1e-7}
-# Rounding errors of these, in units of roundoff.
-_ROUNDINGS = 64
 # Halvings of a cell in each.
 _HALVINGS = {1: 26, 2: 14}
-# Cells may be this much larger than the nodes of a rule in them show.
-_BULGE = 1.1
 # There is no level if the fraction below it is off by this at the end: a whole region is equally far.
 _PLATEAU = 1e-4
 # The fraction of points nearest to the level that replace the points on it, and bisection steps for it.
 _BESIDE, _BISECTIONS = 0.02, 80
-# Distances that differ by less than this fraction are equal.
-_SAME = 1e-8
 
 
 class _MeasuredCells(NamedTuple):
@@ -100,7 +94,8 @@ def quantile_over(net: Net, sight: Sight, b: Any, q: float, steps: int | None = 
     level, total = quantile_of(at.distance, weight, q)[1], float(np.sum(weight))
     low, high = float(np.min(base.distance - base.radius)), float(np.max(base.distance + base.radius))
     below, passed = None, False
-    least = _ROUNDINGS * float(np.finfo(net.points.dtype).eps)
+    # Rounding errors of fractions of the measure, in units of roundoff.
+    least = 64 * float(np.finfo(net.points.dtype).eps)
     # At level zero, points on the level have no slope.
     for off in _OFF[n][:steps] if level > 0 else ():
         below = _below(base, looked, level, (max(off[0], least), max(off[1], least)), total)
@@ -154,7 +149,8 @@ def _looked_at(cells: ParameterCells, looked: Looked) -> _MeasuredCells:
     points, density, _ = known_along(looked.net, nodes)
     middle = Nodes(cells.piece, 0.5 * (cells.low + cells.high), np.ones(count))
     apart = points.reshape(count, -1, points.shape[1]) - known_along(looked.net, middle)[0][:, None]
-    radius = _BULGE * np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1))
+    # Cells may be this much larger than the nodes of a rule in them show.
+    radius = 1.1 * np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1))
     size = np.sum((nodes.factor * density).reshape(count, -1), axis=1)
     return _MeasuredCells(cells, size, looked.at(middle).distance, radius)
 
@@ -287,4 +283,5 @@ def quantile_beside(distance: Array, weight: Array, q: float) -> Estimated:
     change = (q - np.clip(inside, 0.0, 1.0)) * weight * 2 * half + slope * distance
     total = jnp.sum(change) / np.sum(slope)
     width = half / max(abs(level), float(np.finfo(w.dtype).tiny))
-    return Estimated(level + total - jax.lax.stop_gradient(total), 0.0 if width < _SAME else np.inf)
+    # Distances that differ by less than this fraction are equal.
+    return Estimated(level + total - jax.lax.stop_gradient(total), 0.0 if width < 1e-8 else np.inf)

@@ -41,9 +41,6 @@ from jhd._shapes.checks import Numbers, optional_array
 from jhd._triangles.closest_point import outward
 from jhd.progress import Callback
 
-# Newton's steps for the level of a quantile if the number of nodes is given.
-_FEW_STEPS = 3
-
 
 class StatisticSolution(AbstractBounds, AbstractSolution):
     """A statistic of the distances from one shape to another, or the larger of both directions, with certified bounds.
@@ -356,7 +353,8 @@ class QuantileDistance(AbstractStatistic):
         if body_of(a).dimension != 1 and nodes is not None:
             return None
         scale = common_scale(a, b)
-        sight, steps = Sight(b, scale, is_traced(a, b)), None if nodes is None else _FEW_STEPS
+        # Newton's steps for the level of a quantile if the number of nodes is given.
+        sight, steps = Sight(b, scale, is_traced(a, b)), None if nodes is None else 3
         found = quantile_over(scaled_net(a, scale), sight, b, self.q, steps)
         return None if found is None else found._replace(value=found.value / scale)
 

@@ -20,14 +20,8 @@ from jhd._runtime.arrays import joined
 _RULE = 6
 # Halvings before all rules are cut, and in all.
 _PLAIN, _HALVINGS = 5, 16
-# In cells that see one label, this many points along the border of a piece are searched for another label.
-_BESIDE = 128
 # No label.
 _SEVERAL = -1
-# A cell is done if rules over it and its parts differ by this fraction of the integral.
-_AGREED = 1e-8
-# Rounding error of this, in units of roundoff.
-_ROUNDINGS = 64
 
 
 class _Rule(NamedTuple):
@@ -57,7 +51,8 @@ def resolved_on_surface(net: Net, sight: Sight) -> tuple[Nodes, float] | None:
         return None
     known = _ruled(cells, looked, 0)
     done, total = [], np.abs(np.sum(known.values, axis=0))
-    close = max(_AGREED, _ROUNDINGS * float(np.finfo(net.points.dtype).eps))
+    # A cell is done if rules over it and its parts differ by this fraction of the integral, or by its rounding error.
+    close = max(1e-8, 64 * float(np.finfo(net.points.dtype).eps))
     labels, off = set(known.label.tolist()), np.inf
     for step in range(_HALVINGS):
         finer = halved(cells)
@@ -108,7 +103,8 @@ def _overlooked(cells: ParameterCells, rule: _Rule, looked: Looked, agreed: np.n
     if len(labels) < 2 or len(rows) == 0:
         return np.zeros(len(agreed), bool)
     low, size = cells.low[rows], cells.high[rows] - cells.low[rows]
-    each = max(2, round(_BESIDE * float(np.max(size))))
+    # In cells that see one label, this many points along the border of a piece are searched for another label.
+    each = max(2, round(128 * float(np.max(size))))
     share, one = (np.arange(each) + 0.5) / each, np.ones(each)
     sides = [(share, 0 * one), (share, one), (0 * one, share), (one, share)]
     border = np.concatenate([np.stack(side, axis=1) for side in sides])
