@@ -30,8 +30,8 @@ from jhd._runtime.arrays import is_traced, module_of, varying
 
 # Pairs that are cut in one step.
 WIDTH = 16
-# Steps of the first stretch from the host, and how the table grows.
-_FIRST_STEPS, _GROWTH = 64, 4
+# How the table grows.
+_GROWTH = 4
 # A table beyond this length is not exchanged for a longer one: it would fill the memory.
 _LONGEST = 1 << 20
 # Pairs are closed below the tolerance, so that the errors of the ends cannot exceed it.

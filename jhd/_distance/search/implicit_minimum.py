@@ -133,18 +133,18 @@ def _empty_of(problem: WithSurface) -> str:
 def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: bool) -> AbstractSearch:
     """Return the search over all pairs of pieces; for many pieces only over pairs that may be nearest."""
     problem, capacity = task.problem, method.queue_size
-    net: Any = problem.a
+    first: Any = problem.a
     surface: Any = problem.b
     room = room_for(PART, capacity)
-    meeting = crossing(surface, net, pieces) if pieces > _FEW and is_mesh else None
-    near = near_pairs(surface, net, pieces, is_mesh) if pieces > _FEW and meeting is None else None
+    meeting = crossing(surface, first, pieces) if pieces > _FEW and is_mesh else None
+    near = near_pairs(surface, first, pieces, is_mesh) if pieces > _FEW and meeting is None else None
     if meeting is not None:
         pairs, best = meeting.pairs, _met(meeting)
     elif near is not None:
         pairs, best = near.pairs, _first(task, pieces, near.first, room)
     else:
         begun = partial(_begun, problem, np.asarray(pieces), capacity)
-        if isinstance(net, Side):
+        if isinstance(first, Side):
             known = _isolated_pairs(problem)
             task, problem = task._replace(problem=known.problem), known.problem
             begun = lambda: known.told(_begun(known.problem, np.asarray(pieces), capacity))  # noqa: E731

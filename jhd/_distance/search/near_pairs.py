@@ -173,16 +173,14 @@ def _upper(surface: SurfaceTarget, other: AbstractTarget) -> tuple[float, np.nda
         return np.inf, np.empty(0, int)
     found = other.near(np.asarray(cloud.points).T[known])
     uppers = found.upper + radius[known]
-    best, starts = float(uppers.min()), np.argsort(uppers)[:_STARTS]
-    back, foot, off = found, found.foot[starts], other.error(found)[starts]
+    best, found = float(uppers.min()), found.take(np.argsort(uppers)[:_STARTS])
     for _ in range(_ROUNDS):
-        there = surface.near(foot)
-        moved = np.where(np.isfinite(there.upper)[:, None], there.foot, foot)
-        back = other.near(moved)
+        there = surface.near(found.foot)
+        best = min(best, float((there.upper + other.error(found)).min()))
+        found = other.near(np.where(np.isfinite(there.upper)[:, None], there.foot, found.foot))
         # If no foot is proven the error is infinite, and so is the sum.
-        best = min(best, float((there.upper + off).min()), float((back.upper + surface.error(there)).min()))
-        foot, off = back.foot, other.error(back)
-    return best * (1 + gamma(16, radius.dtype)), np.unique(back.segment)
+        best = min(best, float((found.upper + surface.error(there)).min()))
+    return best * (1 + gamma(16, radius.dtype)), np.unique(found.segment)
 
 
 def _within(
