@@ -124,11 +124,6 @@ class TriangleSearch(AbstractSearch):
         going_on = state.is_waiting or not state.is_settled
         return state, Standing(self._found(state), going_on, False, state.steps + state.tried, state.waiting)
 
-    @override
-    def longer(self, state: PairSearch) -> PairSearch:
-        """Return the state unchanged: it grows when needed."""
-        return state
-
     def _found(self, state: PairSearch) -> _FoundPair:
         best, dtype = state.best, self._sides[0].corners.dtype
         points = [

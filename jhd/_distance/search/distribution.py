@@ -126,11 +126,6 @@ class DistributionSearch(AbstractSearch):
         waiting = int(np.count_nonzero(scores))
         return state, Standing(found, self._goes_on(found, scores), False, state.steps, waiting)
 
-    @override
-    def longer(self, state: _DistributionState) -> _DistributionState:
-        """Return the state unchanged: it is never full."""
-        return state
-
     def _bounded(self, cells: CellRows, parents: OverCells | None) -> DistanceCells:
         """Return cells with all their bounds; the bounds of the parents hold for them too."""
         flat = self._source.flat(cells)

@@ -97,11 +97,6 @@ class SurfaceSearch(AbstractSearch):
         table, solution, news = _surface_stretch(*self._asked, *state, limit, limit > _FIRST_STEPS_OF_SURFACES)
         return (table, False), Standing(solution, *np.asarray(news))
 
-    @override
-    def longer(self, state: tuple[surface_search.SurfaceState, bool]) -> tuple[surface_search.SurfaceState, bool]:
-        """Return the state unchanged: it is never full."""
-        return state
-
 
 @compiled
 def _stretch(

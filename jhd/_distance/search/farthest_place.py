@@ -151,11 +151,6 @@ class FarthestSearch(AbstractSearch):
             state = state._replace(best=self._polished(state, state.best))
         return state, Standing(self._solution(state), going, False, state.steps, len(state.waiting.upper))
 
-    @override
-    def longer(self, state: _FarthestState) -> _FarthestState:
-        """Return the state unchanged: it is never full."""
-        return state
-
     def _goal(self, best: PlaceFound | None) -> float:
         return self._level if best is None else max(best.lower + 0.9 * self._allowed(best.lower), self._level)
 

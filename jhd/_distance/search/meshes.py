@@ -140,11 +140,6 @@ class MeshSearch(AbstractSearch):
         going_on = self._is_open(state) and self._has_room(state)
         return state, Standing(self._solution(state), going_on, False, state.steps, state.waiting.count)
 
-    @override
-    def longer(self, state: _CutCells) -> _CutCells:
-        """Return the state unchanged: its capacity is fixed."""
-        return state
-
     def _is_open(self, state: _CutCells) -> bool:
         return bool(state.waiting.count) and state.best.lower <= self._ceiling
 

@@ -72,11 +72,6 @@ class PointSearch(AbstractSearch):
         going = self._going(state)
         return state, Standing(self._solution(state), going, False, state.steps, len(state.order) - state.measured)
 
-    @override
-    def longer(self, state: _PointSearchState) -> _PointSearchState:
-        """Return the state unchanged: it is never full."""
-        return state
-
     def _next(self, state: _PointSearchState) -> float:
         return float(state.bounds[state.measured]) if state.measured < len(state.bounds) else -np.inf
 

@@ -58,9 +58,9 @@ class AbstractSearch(ABC):
             growing: whether to stop before the table is full.
         """
 
-    @abstractmethod
     def longer(self, state: Any) -> Any:
-        """Return the state with more room."""
+        """Return the state with more room; by default unchanged, for searches that are never full."""
+        return state
 
 
 class Threshold:
