@@ -18,7 +18,7 @@ from jhd._distance.search.bodies import body_of
 from jhd._distance.search.body import AbstractBody, Together, dtype_of, joint_diagonal, together
 from jhd._distance.search.branch_and_bound import BranchAndBound, limited
 from jhd._distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
-from jhd._distance.search.search import Limited, Listener, drive
+from jhd._distance.search.search import Listener, Watch, drive
 from jhd._distance.search.weighted_cells import AbstractMeasured
 from jhd._results.solution import (
     RESULTS,
@@ -220,7 +220,7 @@ def _distributed(
     # Most steps of the search; its cells end it much earlier.
     limits = most, allowed, asked.max_cells, 4000, asked.quantile
     listener = Listener(progress, frame, "mean")
-    ends = listener.is_over if isinstance(progress, Limited) else None
+    ends = listener.is_over if isinstance(progress, Watch) else None
     search = DistributionSearch(source, target, dtype, *limits, a.heights(b, pair, target), ends)
     # After an interruption of the search for the maximum, no further search runs.
     listener.late = name_of(maximum.result) == "out_of_time"

@@ -19,7 +19,6 @@ from jhd._distance.search.closest_triangles import of_meshes
 from jhd._distance.search.implicit_minimum import with_surface
 from jhd._distance.search.nets import of_nets
 from jhd._distance.search.points import nearest_points
-from jhd._distance.search.search import Threshold
 from jhd._distance.witness.balance import apart
 from jhd._results.solution import RESULTS, Decision, MinimumSolution, throw_unless_successful
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
@@ -159,8 +158,7 @@ def minimum_at_most(
     """
     limit, method = checked_limit(threshold), chosen_method(method, rtol, atol)
     check_serves(method, a, b, (BranchAndBound,))
-    hears = limited(method, progress, max_seconds)
-    hears = hears if is_traced(limit) else Threshold(float(limit), hears)
+    hears = limited(method, progress, max_seconds, None if is_traced(limit) else float(limit))
     return decided(minimum_distance(a, b, method, throw=False, progress=hears), limit)
 
 

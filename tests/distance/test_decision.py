@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd._distance.search.search import Listener, Threshold
+from jhd._distance.search.search import Listener, Watch
 from jhd._results.solution import name_of
+from jhd._runtime.clock import Clock
 from jhd._runtime.decimals import lower_text
 from jhd.progress import Progress
 from tests.distance import pairs
@@ -164,7 +165,7 @@ def test_a_minimum_distance_is_decided_by_fewer_steps():
 
 def test_a_threshold_ends_a_search_when_it_is_passed():
     heard = []
-    ends = Threshold(1.0, heard.append)
+    ends = Watch(heard.append, Clock(), 1.0)
     for lower, upper, passed in ((0.0, 2.0, False), (0.0, 1.0, True), (1.0, 2.0, False), (1.5, 2.0, True)):
         ends(Progress("minimum", 0, 0, lower, upper))
         assert ends.passed == passed and Listener(ends).satisfied == passed

@@ -23,7 +23,7 @@ from jhd._distance.normalization.method import AbstractHausdorffMethod, Abstract
 from jhd._distance.normalization.stopping import Aim, Wanted
 from jhd._distance.search.candidates import Target
 from jhd._distance.search.curves import advance, begin, solution_of
-from jhd._distance.search.search import Limited
+from jhd._distance.search.search import Watch
 from jhd._distance.search.solutions import CoveredPair, in_one_go
 from jhd._results.solution import DIRECTIONS, HausdorffSolution
 from jhd._runtime.argument_hints import belongs
@@ -148,19 +148,21 @@ def chosen_method(method: Chosen | None, rtol: Any, atol: Any) -> Chosen | Branc
     return replace(method, **given)
 
 
-def limited(method: Any, progress: Callback | None, max_seconds: float | None) -> Callback | None:
-    """The callback of a call, which also ends the search after `max_seconds` of wall time if they are given.
+def limited(
+    method: Any, progress: Callback | None, max_seconds: float | None, threshold: float | None = None
+) -> Callback | None:
+    """The callback of a call, which also ends the search after `max_seconds` of wall time or at a threshold, if given.
 
     Raises:
         TypeError: `max_seconds` is not a number, or the method is no search with bounds at every stage.
         ValueError: `max_seconds` is not positive.
     """
-    if max_seconds is None:
+    if max_seconds is None and threshold is None:
         return progress
     clock = Clock(max_seconds)
     if not isinstance(method, BranchAndBound):
         raise TypeError(f"max_seconds cannot be combined with {type(method).__name__}: it needs BranchAndBound.")
-    return Limited(clock, progress)
+    return Watch(progress, clock, threshold)
 
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.

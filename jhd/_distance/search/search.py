@@ -63,42 +63,26 @@ class AbstractSearch(ABC):
         return state
 
 
-class Threshold:
-    """A progress callback that ends a search when both bounds are on one side of a length.
+class Watch:
+    """A progress callback that ends a search when its time is up, or when both bounds are on one side of a length.
 
     Args:
-        limit: the length, in the unit of the coordinates.
         progress: another callback for the progress, or None.
-    """
-
-    def __init__(self, limit: float, progress: Callback | None = None):
-        self._limit, self._progress, self.passed = limit, progress, False
-
-    def __call__(self, progress: Progress) -> None:
-        """Record the bounds."""
-        lower, upper = progress.lower or 0.0, np.inf if progress.upper is None else progress.upper
-        self.passed = upper <= self._limit or lower > self._limit
-        if self._progress is not None:
-            self._progress(progress)
-
-
-class Limited:
-    """A progress callback that ends a search when the time is up.
-
-    Args:
         clock: the time limit.
-        progress: another callback for the progress, or None.
+        limit: the length, in the unit of the coordinates, or None.
     """
 
-    def __init__(self, clock: Clock, progress: Callback | None = None):
-        self.clock, self._progress = clock, progress
+    def __init__(self, progress: Callback | None, clock: Clock, limit: float | None = None):
+        self._progress, self.clock, self._limit, self.passed = progress, clock, limit, False
 
     def __call__(self, progress: Progress) -> None:
-        """Pass the progress on.
+        """Record the bounds, and pass the progress on.
 
         Raises:
             TimeLimit: the time is up.
         """
+        lower, upper = progress.lower or 0.0, np.inf if progress.upper is None else progress.upper
+        self.passed = self._limit is not None and (upper <= self._limit or lower > self._limit)
         if self._progress is not None:
             self._progress(progress)
         if self.clock.is_over():
@@ -121,11 +105,11 @@ class Listener:
     @property
     def satisfied(self) -> bool:
         """Whether tighter bounds are not needed."""
-        return isinstance(self._progress, Threshold) and self._progress.passed
+        return isinstance(self._progress, Watch) and self._progress.passed
 
     def is_over(self) -> bool:
         """Return whether the call was interrupted or its time is up, also in the middle of a step."""
-        return self.interrupted or (isinstance(self._progress, Limited) and self._progress.clock.is_over())
+        return self.interrupted or (isinstance(self._progress, Watch) and self._progress.clock.is_over())
 
     def report(self, direction: Any, standing: Standing) -> None:
         """Report the progress of a search; the direction is a member of DIRECTIONS, or None."""
