@@ -44,7 +44,7 @@ def of_meshes(a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, progress
         found = from_program(_searched, partial(_unusable, a.vertices.dtype), (first, second), method)
     else:
         found = _searched((first, second), method, progress)
-    solution, (triangles, weights) = found
+    solution, triangles, weights = found
     if not is_traced(a, b):
         return solution
     parts = [TouchedRows(mesh.vertices, k, mesh.triangles) for mesh, k in zip((a, b), triangles, strict=True)]
@@ -52,26 +52,16 @@ def of_meshes(a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, progress
     return replace(solution, **following(_moving, numbers, parts, (solution.value, weights)))
 
 
-def _searched(
-    meshes: tuple[TriangleMesh, TriangleMesh],
-    method: BranchAndBound,
-    progress: Callback | None = None,
-) -> "_FoundPair":
-    return drive(TriangleSearch(*meshes, method), Listener(progress))
-
-
-class _TrianglePlace(NamedTuple):
-    """The triangles that hold the nearest points, and barycentric coordinates there."""
-
-    triangles: tuple[Any, Any]
-    weights: Any  # (shapes, corners)
+def _searched(meshes: Any, method: BranchAndBound, progress: Callback | None = None) -> "_FoundPair":
+    return drive(TriangleSearch(meshes[0], meshes[1], method), Listener(progress))
 
 
 class _FoundPair(NamedTuple):
-    """A solution in the user's unit, and the triangles and features that attain it."""
+    """A solution in the user's unit, and the triangles that hold its points."""
 
     solution: MinimumSolution
-    place: _TrianglePlace
+    triangles: tuple[Any, Any]
+    weights: Any  # barycentric coordinates of the points, (shapes, corners)
 
     @property
     def lower(self) -> Array:
@@ -91,7 +81,7 @@ def _unusable(dtype: Any) -> _FoundPair:
     zero, infinite, nowhere = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype), jnp.full(3, jnp.nan, dtype)
     stats = {"steps": jnp.array(0), "exact": jnp.array(0)}
     solution = MinimumSolution(infinite, zero, infinite, nowhere, nowhere, RESULTS.nonfinite_value, stats)
-    return _FoundPair(solution, _TrianglePlace((jnp.array(0), jnp.array(0)), jnp.zeros((2, 3), dtype)))
+    return _FoundPair(solution, (jnp.array(0), jnp.array(0)), jnp.zeros((2, 3), dtype))
 
 
 class TriangleSearch(AbstractSearch):
@@ -143,7 +133,7 @@ class TriangleSearch(AbstractSearch):
             stats={"steps": jnp.asarray(state.steps), "exact": jnp.asarray(state.exact)},
         )
         weights = np.array([[float_near(x, dtype) for x in row] for row in best.weights])
-        return _FoundPair(solution, _TrianglePlace(best.triangles, weights))
+        return _FoundPair(solution, best.triangles, weights)
 
     def _bounds(self, state: PairSearch) -> tuple[Any, Any]:
         """Return the bounds in the user's unit: of the nearest pair measured, unless others may be nearer."""

@@ -141,7 +141,7 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
     if meeting is not None:
         pairs, best = meeting.pairs, _met(meeting)
     elif near is not None:
-        pairs, best = near.pairs, _first(task, pieces, near.first, room)
+        pairs, best = near[0], _first(task, pieces, near[1], room)
     else:
         begun = partial(_begun, problem, np.asarray(pieces), capacity)
         if isinstance(first, Side):

@@ -101,15 +101,10 @@ def _signs_of(side: Side, count: Array, points: Array) -> Array:
     return jnp.where(jnp.abs(value) > error, jnp.sign(value), 0.0)
 
 
-class Near(NamedTuple):
-    """The pairs that may hold nearest points, and a few pieces that are near, each with the whole box."""
+def near_pairs(side: Side, net: Net, count: int, is_mesh: bool) -> tuple[NearPairs, NearPairs] | None:
+    """Return the pairs that may hold nearest points, and a few near pieces, each with the whole box.
 
-    pairs: NearPairs
-    first: NearPairs
-
-
-def near_pairs(side: Side, net: Net, count: int, is_mesh: bool) -> Near | None:
-    """Return the pairs that may hold nearest points; None if no point of the surface is proven.
+    None if no point of the surface is proven.
 
     Args:
         side: the surface, its numbers known.
@@ -142,7 +137,7 @@ def near_pairs(side: Side, net: Net, count: int, is_mesh: bool) -> Near | None:
     order = np.argsort(lower, kind="stable")
     cell, piece = cell[order], piece[order]
     lower = np.maximum(lower[order] * (1 - gamma(32, low.dtype)) - slack, 0.0)
-    return Near(NearPairs(lower, low[cell], high[cell], piece), _whole(side, near))
+    return NearPairs(lower, low[cell], high[cell], piece), _whole(side, near)
 
 
 def around(side: Side, net: Net, count: int, place: np.ndarray) -> NearPairs:
