@@ -40,7 +40,7 @@ from jhd._distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd._distance.search.meshes import mesh_directed
 from jhd._distance.search.search import Listener, Standing, drive
 from jhd._distance.search.solutions import CoveredPair, target
-from jhd._distance.search.surface_candidates import looked_at
+from jhd._distance.search.surface_source import looked_at
 from jhd._distance.witness.derivative import WitnessState, state_of, with_derivatives
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
 from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, on_device

@@ -29,8 +29,7 @@ from jhd._distance.search.points import COUNTS as POINT_COUNTS
 from jhd._distance.search.points import PointSearch
 from jhd._distance.search.search import AbstractSearch
 from jhd._distance.search.sources import AbstractSource, MeshSource, NetSource
-from jhd._distance.search.surface_candidates import looked_at
-from jhd._distance.search.surface_source import SurfaceSource
+from jhd._distance.search.surface_source import SurfaceSource, looked_at
 from jhd._distance.search.weighted_cells import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
 from jhd._distance.witness.mesh_feet import with_mesh_derivatives
 from jhd._distance.witness.surface_projection import with_patch_derivatives, with_surface_derivatives

@@ -44,7 +44,7 @@ from jhd._distance.search.near_pairs import Crossing, NearPairs, around, crossin
 from jhd._distance.search.on_surfaces import SurfaceTarget
 from jhd._distance.search.pair_queue import PART, QueuedSearch
 from jhd._distance.search.search import AbstractSearch, Listener, drive
-from jhd._distance.search.surface_candidates import looked_at
+from jhd._distance.search.surface_source import looked_at
 from jhd._distance.search.targets import usable
 from jhd._distance.search.two_phase_minimum import InTurn
 from jhd._distance.witness.mixed_derivatives import with_pair_derivatives

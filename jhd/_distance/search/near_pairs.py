@@ -20,7 +20,7 @@ from jhd._distance.normalization.surfaces import Side
 from jhd._distance.search.on_patches import NetTarget
 from jhd._distance.search.on_surfaces import SurfaceTarget
 from jhd._distance.search.row_batches import BLOCK
-from jhd._distance.search.surface_candidates import eighths
+from jhd._distance.search.surface_source import eighths
 from jhd._runtime.compiled import compiled
 from jhd._shapes.mesh import TriangleMesh
 from jhd._triangles.closest_point import in_blocks_of

@@ -25,7 +25,7 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.normalization.surfaces import Side, prepare_surfaces
 from jhd._distance.search.candidates import Target
 from jhd._distance.search.row_batches import each, in_blocks, in_groups
-from jhd._distance.search.surface_candidates import eighths, looked_at
+from jhd._distance.search.surface_source import eighths, looked_at
 from jhd._runtime.compiled import compiled
 from jhd._shapes.checks import empty_surface
 from jhd._shapes.implicit import ImplicitSurface

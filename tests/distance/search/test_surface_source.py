@@ -7,7 +7,7 @@ import pytest
 from jhd import ImplicitSurface
 from jhd._distance.normalization.surfaces import prepare_surfaces
 from jhd._distance.search.solutions import target
-from jhd._distance.search.surface_candidates import looked_at, may_vanish, places_near
+from jhd._distance.search.surface_source import looked_at, may_vanish, places_near
 from tests.sweeps import swept
 
 BOX = (-2.0,) * 3, (2.0,) * 3
