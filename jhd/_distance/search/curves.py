@@ -267,10 +267,7 @@ def _beside_joints(
     """Move the cuts next to the joint of the two segments that carry the feet, if it is much nearer than the peak.
 
     Each branch ends at the joint, so its bound is exact on its own side only. Cut elsewhere, the bound of the cell that
-    holds the joint falls no faster than the width of the cell.
-
-    Returns:
-        The cuts, and which of them were moved.
+    holds the joint falls no faster than the width of the cell. The second result tells which cuts were moved.
     """
     forward, backward = b.next_segment[cells.k0] == cells.k1, b.next_segment[cells.k1] == cells.k0
     joined = (forward | backward) & (cells.k0 != cells.k1)

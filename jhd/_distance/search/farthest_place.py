@@ -265,11 +265,8 @@ class FarthestSearch(AbstractSearch):
     def _promising(self, best: PlaceFound | None, high: np.ndarray, upper: np.ndarray, mending: bool) -> np.ndarray:
         """Return indices of points worth a proof: the farthest in cells with the largest bounds, and overall.
 
-        Args:
-            best: the farthest point so far.
-            high: upper bounds of the distances of the points, -inf for points that may not lie on the source.
-            upper: upper bounds of the cells.
-            mending: whether cells whose points do not seem farther count too: their feet may not be the nearest.
+        Bounds `high` of points that may not lie on the source are -inf. If `mending`, cells whose points do not seem
+        farther count too: their feet may not be the nearest.
         """
         place, seems = np.argmax(high, axis=1), np.max(high, axis=1)
         least = -np.inf if best is None else best.lower + self._close(best)

@@ -107,14 +107,7 @@ def _in_program(shapes: tuple[Any, Any], method: BranchAndBound) -> _FoundBoth:
 def _from_here(
     shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool, progress: Callback | None = None
 ) -> _FoundBoth:
-    """Return the result of the search from the host; see with_surface.
-
-    Args:
-        shapes: a net or surface, and a surface, all numbers known.
-        method: the options.
-        is_mesh: whether the first one is a mesh.
-        progress: see minimum_distance.
-    """
+    """Return the result of the search from the host, for known numbers; `is_mesh` tells whether the net is a mesh."""
     pieces = max(map(_count, shapes))
     # Repeated up to a few sizes that functions are compiled for; repetitions are not searched.
     task = _task_of(tuple(repeated(shape) if isinstance(shape, Net) else shape for shape in shapes), method)

@@ -172,16 +172,7 @@ def _farther(best: PlaceFound, tried: PlaceFound | None) -> PlaceFound:
 
 
 def _reach_of(place: np.ndarray, foot: FootRows, gap: float, into: np.ndarray) -> float:
-    """Bound how far the farthest point can be from a point.
-
-    The distance to its foot rises on the way, by at most the gap.
-
-    Args:
-        place: the point found.
-        foot: its nearest point.
-        gap: upper - lower.
-        into: unit vectors along the shape of the point.
-    """
+    """Bound how far the farthest point can be from a point: on the way the distance rises by at most the gap."""
     apart = place.astype(np.float64) - foot.point[0]
     steep = float(np.max(into @ apart, initial=0.0)) / max(float(np.linalg.norm(apart)), smallest_normal(np.float64))
     return min(_OPEN * gap / steep, _size(place, foot)) if steep > 0 else 0.0
@@ -200,17 +191,10 @@ def _active_feet(
     follow: Callable[[FootRows], FootRows] | None,
     reach: float = 0.0,
 ) -> tuple[FootRows, np.ndarray]:
-    """Return the feet (FEET,) that are about nearest to a point and balance there, and their multipliers.
+    """Return the feet (FEET,) that are about nearest to a point or within `reach`, and multipliers that balance them.
 
-    Args:
-        target: the shape that they lie on.
-        place: the farthest point of the source.
-        foot: its nearest point.
-        gap: upper - lower; the distances of active feet may differ by this.
-        rays: directions along the source without borders, and directions into it. Multipliers that balance all of the
-            former serve as well.
-        follow: moves feet of neighboring points to the point; None to use approximately nearest feet.
-        reach: how far the farthest point may be; feet that count there count as well.
+    The `rays` are directions along the source without borders, and directions into it. Multipliers that balance all of
+    the former serve as well. `follow` moves feet of neighboring points to the point; None uses approximate feet.
     """
     free, into = rays
     size = _size(place, foot)

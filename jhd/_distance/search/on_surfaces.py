@@ -181,11 +181,6 @@ class SurfaceTarget(AbstractTarget):
         """Return a lower bound of the distance of a query for which a whole curve or region may be nearest.
 
         Cells that are crossed in one sheet are bounded by their graphs, to the eighth order of their size.
-
-        Args:
-            point: the query.
-            upper: an upper bound.
-            close: gap that the bounds may have.
         """
         side, cover, most = self.target.side, self.target.cover, _GRAPHS
         low, high = (np.asarray(end).T[np.asarray(cover.alive)] for end in cover[:2])

@@ -112,17 +112,8 @@ def _between(
     """Return the last point with rising and the first with falling distance, and a parameter between them.
 
     At this parameter the linear models of the distance at both points agree, or it is the middle. If there is only one
-    point, the parameter is about as far as the maximum can be if the distance rises by the gap.
-
-    Args:
-        a: the curve that carries the maximum.
-        b: the curve that carries the feet.
-        at: points on one segment of a, stacked.
-        feet: the foot of each on b.
-        gap: gap of the bounds.
-
-    Returns:
-        Both points with their feet, stacked; the parameter; whether there are two points.
+    point, the parameter is about as far as the maximum can be if the distance rises by the gap. The last result tells
+    whether there are two points.
     """
 
     def model(at: CurvePlace, foot: CurvePlace) -> tuple[Array, Array]:
