@@ -7,7 +7,7 @@ the coordinates of its search. Bounds passed from one direction to the other sta
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +44,7 @@ from jhd._distance.search.surface_source import looked_at
 from jhd._distance.witness.derivative import WitnessState, state_of, with_derivatives
 from jhd._distance.witness.mixed_derivatives import with_place_derivatives
 from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, on_device
-from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._runtime.arrays import is_traced, is_tracing, taken, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd._shapes.as_shape import check_shape, taken_as
 from jhd._shapes.checks import check_same_dim, empty_surface
@@ -199,12 +199,12 @@ class SurfacePair(AbstractPair):
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         super().__init__()
         self._method, self._given = method, (a, b)
-        self._targets, self._frame = _targets(*self._given)
+        self._pair, self._frame = _covered(*self._given)
         self._listener = Listener(progress, self._frame)
 
     @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
-        pair = self._targets.turned() if turned else self._targets.pair()
+        pair = self._pair.turned() if turned else self._pair
         aim, method, direction = aim_at(level, ceiling, self._frame.center.dtype), self._method, _direction(turned)
         if is_tracing(pair, method, aim):
             found, _ = by_kept_program(_surface, self._answers(), ((method, self._frame), pair, aim))
@@ -214,7 +214,7 @@ class SurfacePair(AbstractPair):
 
     @override
     def traced_search(self, *numbers: Any) -> TracedSearch | None:
-        there, back, method, frame = self._targets.pair(), self._targets.turned(), self._method, self._frame
+        there, back, method, frame = self._pair, self._pair.turned(), self._method, self._frame
         if not is_tracing(there, method, numbers):
             return None
         return TracedSearch(_surfaces, (method, frame), there, back, self._answers(2))
@@ -350,39 +350,19 @@ def _direction(turned: bool) -> Any:
     return DIRECTIONS.b_to_a if turned else DIRECTIONS.a_to_b
 
 
-class _Targets(NamedTuple):
-    """Both surfaces as targets of a search, and which of them are proven to have no point."""
-
-    a: Target
-    b: Target
-    empty_a: Array
-    empty_b: Array
-
-    def pair(self) -> CoveredPair:
-        """Return the direction from a to b."""
-        return CoveredPair(self.a, self.b, self.empty_a | self.empty_b)
-
-    def turned(self) -> CoveredPair:
-        """Return the direction from b to a."""
-        return CoveredPair(self.b, self.a, self.empty_a | self.empty_b)
-
-
-def _targets(a: ImplicitSurface, b: ImplicitSurface) -> tuple[_Targets, Frame]:
+def _covered(a: ImplicitSurface, b: ImplicitSurface) -> tuple[CoveredPair, Frame]:
     """Return both surfaces in common coordinates, undifferentiated, and the frame that leads back."""
     p, q, frame = prepare_surfaces(*undifferentiated((a, b)))
-    targets = _looked_at(p, q)
-    for name, empty in (("a", targets.empty_a), ("b", targets.empty_b)):
+    (first, empty_a), (second, empty_b) = _looked_at(p, q)
+    for name, empty in (("a", empty_a), ("b", empty_b)):
         if not is_traced(empty) and bool(empty):
             raise empty_surface(name)
-    return targets, frame
+    return CoveredPair(first, second, empty_a | empty_b), frame
 
 
-def _looked_at(p: Side, q: Side) -> _Targets:
+def _looked_at(p: Side, q: Side) -> list[tuple[Target, Any]]:
+    """Return both surfaces as targets of a search, and whether each is proven to have no point."""
     if not is_tracing(p, q):
-        (a, empty_a), (b, empty_b) = looked_at(p), looked_at(q)
-        return _Targets(a, b, empty_a, empty_b)
-    sides = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), p, q)
-    (a, b), (empty_a, empty_b) = (
-        [jax.tree_util.tree_map(lambda x, i=i: x[i], part) for i in range(2)] for part in jax.lax.map(target, sides)
-    )
-    return _Targets(a, b, empty_a, empty_b)
+        return [looked_at(p), looked_at(q)]
+    found = jax.lax.map(target, jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), p, q))
+    return [taken(found, i) for i in range(2)]

@@ -92,6 +92,10 @@ class CoveredPair(NamedTuple):
     b: Target  # the surface that distances are taken to
     empty: Array  # whether one surface is proven to have no point, so that there is no distance
 
+    def turned(self) -> "CoveredPair":
+        """Return the direction from b to a."""
+        return CoveredPair(self.b, self.a, self.empty)
+
 
 def in_one_go(pair: CoveredPair, wanted: Wanted, capacity: int, max_steps: int, direction: Any) -> HausdorffSolution:
     """Run the whole search."""
