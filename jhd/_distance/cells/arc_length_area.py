@@ -20,8 +20,12 @@ errors stay relative to the size of the part.
 square, which is at most two.
 
 Rounding. Control points of a part are off by `off` in each coordinate, weights by as much relative to them; a
-difference by twice that. Products of forms err by gamma(64) of the product of sizes, which is more than their roundings
-for degrees up to ten.
+difference by twice that. A coefficient of a product of two forms is a sum of products: along each parameter at most as
+many as the smaller form has coefficients. Each of the T terms takes three roundings of its factor, at most three of the
+product, and T - 1 of the sum. The sizes of the terms add up to at most the product of the sizes of the forms, times
+sqrt(2) for cross products. So products err by less than gamma(2 T + 16) of the product of the sizes. A mean of n
+coefficients errs by less than gamma(n + 16) of the largest one. All else takes fewer than 64 roundings, in every
+degree: products with flat pieces sum up four terms at most.
 
 Source: Bernstein products: Farouki & Rajan, CAGD 5 (1988). The bounds are ours.
 """
@@ -37,8 +41,8 @@ from jhd._arithmetic.rounding import gamma
 from jhd._runtime.arrays import taken
 
 _ROUNDINGS = gamma(64, np.float64)
-# Sums of many positive terms and a root: far less than this many roundings.
-_UP, _DOWN = 1 + gamma(512, np.float64), 1 - gamma(512, np.float64)
+# A length, and a few products and sums of positive numbers.
+_UP, _DOWN = 1 + gamma(16, np.float64), 1 - gamma(16, np.float64)
 
 
 class FlatCells(NamedTuple):
@@ -226,7 +230,7 @@ def _divided(whole: _Sized, weights: np.ndarray, off: float, power: int) -> tupl
     most = high / middle
     factor = _Sized((power + 1) - power * t, (power + 1) + power * most, power * (off + _ROUNDINGS) * most)
     product = _multiplied(factor, whole, np.multiply)
-    rest = np.maximum(*(x**-power - (power + 1) + power * x for x in (low / middle, most))) + _ROUNDINGS
+    rest = np.maximum(*(x**-power - (power + 1) + power * x for x in (low / middle, most))) * _UP + _ROUNDINGS
     scale = middle**power
     # A bound over the part, not over the piece: it is far smaller near a pole.
     largest = np.max(_length(whole.values), axis=(1, 2)) * _UP + whole.error
@@ -248,8 +252,9 @@ def _derived(form: _Sized, axis: int) -> _Sized:
 
 def _multiplied(f: _Sized, g: _Sized, combine: Any) -> _Sized:
     values = _product(f.values, g.values, combine)
-    error = f.error * g.size + f.size * g.error + f.error * g.error + _ROUNDINGS * f.size * g.size
-    return _Sized(values, f.size * g.size * _UP, error * _UP)
+    room = gamma(2 * math.prod(map(min, f.values.shape[1:3], g.values.shape[1:3])) + 16, np.float64)
+    error = f.error * g.size + f.size * g.error + f.error * g.error + room * f.size * g.size
+    return _Sized(values, f.size * g.size * (1 + room), error * _UP)
 
 
 def _product(f: np.ndarray, g: np.ndarray, combine: Any) -> np.ndarray:
@@ -269,7 +274,7 @@ def _measured(normal: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.nda
     sizes = _length(normal)
     mean = np.mean(normal, axis=(1, 2))
     length = _length(mean)
-    error = error + _ROUNDINGS * np.max(sizes, axis=(1, 2))
+    error = error + gamma(sizes[0].size + 16, np.float64) * np.max(sizes, axis=(1, 2))
     lower = np.maximum(length * _DOWN - error, 0.0)
     upper = np.mean(sizes, axis=(1, 2)) * _UP + error
     unit = mean / np.where(length > 0, length, 1.0)[:, None]

@@ -27,7 +27,8 @@ over it and on one side of its plane, d is the distance to the plane, and both l
 cells are best cut by the walls and the planes. The planes hold the faces that are nearest to the middle of a cell. No
 proof depends on them: any cut is valid.
 
-Rounding: sizes are at most `size`, and gamma(64) `size` exceeds the roundings of a sum of a few lengths.
+Rounding: sizes are at most `size`, and gamma(64) `size` exceeds the roundings of a sum of a few lengths. A mean over
+control points takes one rounding more for each.
 """
 
 from collections.abc import Callable
@@ -110,7 +111,7 @@ def distances_over(
     # Copies: the arrays returned by a compiled function are read-only.
     found = ProvenFeet(*(np.array(x) for x in target.near(middle)))
     size = np.max(np.abs(cells.corners), axis=(1, 2)) + _FARTHEST
-    room = 4 * _ROUNDINGS * size + 4 * np.finfo(dtype).eps * size
+    room = 4 * (_over_controls(cells) + np.finfo(dtype).eps) * size
     above = _above(cells, target, middle, found, room)
     known = unknown_bounds(len(middle)) if heights is None else heights(cells, found, above.most)
     least, least_mean, after = np.zeros(len(middle)), np.zeros(len(middle)), reach.copy()
@@ -151,6 +152,11 @@ def distances_over(
         left = (bounds.most_mean - bounds.least_mean)[beside]
         parting[beside] = partings(cells.corners[beside], middle[beside], found.take(beside), pieces, left)
     return OverCells(*over, after, _ends(cells, over[:2], (below, above.ends)), parting)
+
+
+def _over_controls(cells: FlatCells) -> float:
+    """Bound the rounding of a mean over control points, and of a sum of a few lengths."""
+    return gamma(48 + cells.controls.shape[1], np.float64)
 
 
 def _are_simplices(cells: FlatCells) -> bool:
@@ -325,7 +331,7 @@ def _above(cells: FlatCells, target: AbstractTarget, middle: np.ndarray, found: 
     mean = np.fmin(np.min(np.mean(far, axis=2), axis=1) + off, root)
     best = np.argmin(np.mean(far, axis=2), axis=1)
     ends = far[np.arange(len(far)), best] + off[:, None]
-    square = greatest_square(ends) if _are_simplices(cells) else np.mean(ends**2, axis=1) * (1 + _ROUNDINGS)
+    square = greatest_square(ends) if _are_simplices(cells) else np.mean(ends**2, axis=1) * (1 + _over_controls(cells))
     return _Above(most, mean, np.fmin(square, root**2), ends)
 
 
