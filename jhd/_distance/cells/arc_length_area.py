@@ -85,17 +85,16 @@ def restricted(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndar
 
 def _blossomed(c: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the coefficients on [a, b], along the first axis: restrict to [0, b], then drop the part before a."""
-    first = _before(c, b)
-    # The left end divided by b. For b = 0 both ends are equal.
-    share = np.where(b > 0, a / np.where(b > 0, b, 1.0), 0.0)
-    return _before(first[::-1], 1 - share)[::-1]
+    some, safe = b > 0, np.where(b > 0, b, 1.0)
+    # For b = 0 both ends are equal.
+    return _before(_before(c, 1 - b, b)[::-1], a / safe, np.where(some, (b - a) / safe, 1.0))[::-1]
 
 
-def _before(c: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Coefficients on [0, t], along the first axis."""
+def _before(c: np.ndarray, rest: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Coefficients on [0, t], along the first axis, given 1 - t too."""
     rows = [c[0]]
     while len(c) > 1:
-        c = (1 - t) * c[:-1] + t * c[1:]
+        c = rest * c[:-1] + t * c[1:]
         rows.append(c[0])
     return np.stack(rows)
 
@@ -103,10 +102,10 @@ def _before(c: np.ndarray, t: np.ndarray) -> np.ndarray:
 def off_by(degrees: tuple[int, int]) -> float:
     """Bound the error of `restricted` for control points of at most one.
 
-    Six roundings a level; one end divided by the other is off by at most 3 u, which moves a control point by 6 u for
-    each degree.
+    Three roundings a level for the part before the upper end, and four for its rest: both factors there are quotients.
+    All of them are relative to terms with non-negative factors, so those of weights are relative to the weights.
     """
-    return gamma(12 * sum(degrees) + 16, np.float64)
+    return gamma(7 * sum(degrees) + 16, np.float64)
 
 
 def flat_parts(

@@ -1,11 +1,13 @@
 """Lengths and areas of parts, and flat pieces beside them, against dense sums."""
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
 
 import jhd
+from jhd._distance.cells.arc_length_area import off_by, restricted
 from jhd._distance.normalization.net_jets import Net
 from jhd._distance.search.weighted_cells import MeasuredNet
 
@@ -88,3 +90,26 @@ def test_a_density_is_as_uneven_as_the_bound_says():
     flat = source.flat(source.cover())
     assert 1 / 6 <= flat.uneven[0] < 0.7
     assert flat.lower[0] <= 0.75 <= flat.upper[0] and flat.upper[0] - flat.lower[0] < 1e-10
+
+
+def exactly_restricted(rows, low, high):
+    """The coefficients on [low, high] as exact fractions, by blossoms."""
+    found = []
+    for j in range(len(rows)):
+        c = [Fraction(float(x)) for x in rows]
+        for k in range(len(rows) - 1):
+            t = Fraction(float(low if k < len(rows) - 1 - j else high))
+            c = [(1 - t) * x + t * y for x, y in zip(c, c[1:], strict=False)]
+        found.append(c[0])
+    return found
+
+
+@pytest.mark.parametrize("degree", [1, 3, 12])
+@pytest.mark.parametrize("ratio", [1.0, 1e8, 1e40])
+def test_weights_of_parts_are_off_by_as_much_relative_to_them_however_uneven_they_are(degree, ratio):
+    rows = ratio ** -np.linspace(0, 1, degree + 1)
+    for low, high in ((0.25, 0.375), (1 - 2.0**-30, 1 - 2.0**-31), (1 - 2.0**-40, 1.0), (0.0, 2.0**-40), (0.7, 0.7)):
+        for weights in (rows, rows[::-1]):
+            part = restricted(weights[None, :, None, None], np.array([[low]]), np.array([[high]]))[0, :, 0, 0]
+            for x, exact in zip(part, exactly_restricted(weights, low, high), strict=True):
+                assert abs(Fraction(float(x)) - exact) <= Fraction(off_by((degree, 0))) * exact
