@@ -29,6 +29,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from jhd._arithmetic.bernstein import binomials
 from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._distance.cells.arc_length_area import off_by, restricted
 from jhd._distance.normalization.net_jets import Net
@@ -191,5 +192,4 @@ def _square(rows: np.ndarray) -> np.ndarray:
 
 def _binomials(orders: Sequence[int]) -> np.ndarray:
     """Products of the binomial coefficients of Bernstein polynomials of two orders."""
-    first, second = ([math.comb(k - 1, i) for i in range(k)] for k in orders)
-    return np.outer(first, second)
+    return np.outer(*(binomials(k - 1) for k in orders))

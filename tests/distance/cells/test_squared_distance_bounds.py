@@ -54,6 +54,18 @@ def test_bounds_are_below_dense_samples_and_near_them_on_small_parts(shape, rati
             assert size > 0.1 or ratio > 100 or found[k] >= near * 0.99 - 0.01
 
 
+@pytest.mark.parametrize("degrees", [(20, 20), (33, 1), (40, 2)])
+def test_binomials_of_high_degrees_do_not_overflow(degrees):
+    u, v = np.meshgrid(*(np.linspace(0, 1, n + 1) for n in degrees), indexing="ij")
+    net = Net(jnp.asarray(np.stack([u, v, 0 * u], axis=-1)[None]), None)
+    places = np.array([[0.5, 0.5, 0.25], [2.0, 0.5, 0.0], [0.5, -1.0, 0.0]])
+    ends = np.zeros((3, 2))
+    found = distances_by_squares(net, places, np.zeros(3, int), ends, ends + 1)[0]
+    assert np.all(found <= [0.25, 1.0, 1.0])
+    small = distances_by_squares(net, places[:1], np.zeros(1, int), ends[:1] + 0.45, ends[:1] + 0.55)[0]
+    assert 0.24 < small[0] <= 0.25
+
+
 def bowl(power):
     """The graph of (x^2 + y^2)^power above [-1, 1]^2, for powers up to two."""
     n = 2 * power
