@@ -197,7 +197,7 @@ def deviation(curve: HostCurve, pieces: Pieces, bulge: np.ndarray) -> np.ndarray
     |z|, |1 - z| <= 1, so it moves by no more than both ends together: sqrt(2) u and (sqrt(2) + 2 sqrt(2)) u.
     Both are below `noise`, which is added at the end; offsets, weights, chord and bulge then count as exact. (iii) The
     g_ij cost at most 9 roundings of terms of total size M = 2 |b| (m^2 + m L) + (1 + b^2) m L, their means as many as
-    there are pairs i <= j and 2 n + 16 more: gamma(pairs + 2 n + 25) M. (iv) h costs gamma(24) (m + L). (v) The
+    there are pairs i <= j, twice that with weights, and 2 n + 16 more. (iv) h costs gamma(24) (m + L). (v) The
     condition of 2 is asked for with a tenth to spare and m <= 2^20 L. (vi) The rest are fewer than 64 roundings of
     positive numbers. Underflow is below 2^-700 for L > 2^-200, and thus below the slack of `noise`.
     """
@@ -209,7 +209,8 @@ def deviation(curve: HostCurve, pieces: Pieces, bulge: np.ndarray) -> np.ndarray
     e0, e1 = np.abs(q[0]), np.abs(q[-1] - pieces.chord)
 
     total = 2 * np.abs(b) * far * (far + length) + one * far * length
-    roundings = (len(q) * (len(q) + 1)) // 2 + 2 * len(q) + 23
+    pairs = (len(q) * (len(q) + 1)) // 2
+    roundings = (1 if pieces.weights is None else 2) * pairs + 2 * len(q) + 23
     g = _largest_mean(pieces, b * along + 0.5 * bend * across, b) + gamma(roundings, np.float64) * total
     full = 0.5 * size * one
     rho0 = g / full

@@ -21,11 +21,11 @@ or all numbers are zero. Rounding: local points and their products with weights 
 a restriction of degree p takes 3 p + 1 more, as ends and their differences from one are exact: 2 p in the matrix, 1
 for a product, p for the sum. The coefficients of D take 9: 3 in the factors, non-negative and of sum one, and 6
 for products, difference and sum. B is taken between its corners as rounded. So the terms of these coefficients,
-which add up to at most 2 r times a weight, pass through 3 (p + q) + 13 roundings: they are off by at most `noise` =
-2 sqrt(3) gamma(3 (p + q) + 13) r times the largest weight of the rectangle, weights relatively by less, and a k-th
-difference by 2^k times that. The rest are fewer than 64 roundings of positive numbers, where the least weight comes in
-four times at most: less than a factor 1 + 10 noise. Points of the surface are off by 4 noise at most, if a power of
-a parameter is good to four units in the last place.
+which add up to at most 2 r times a weight, pass through 3 (p + q) + 13 roundings, and two more in the first of two
+differences: they are off by at most `noise` = 2 sqrt(3) gamma(3 (p + q) + 15) r times the largest weight of the
+rectangle, weights relatively by less, and a k-th difference by 2^k times that. The rest are fewer than 64 roundings of
+positive numbers, where the least weight comes in four times at most: less than a factor 1 + 10 noise. Points of the
+surface are off by 4 noise at most, if a power of a parameter is good to four units in the last place.
 
 A flat rectangle with uneven parameters is near its triangles, but not at equal parameters. Let q be a convex
 quadrilateral in a plane, and let the surface S over the rectangle and the triangles L both stay within h of the plane.
@@ -192,7 +192,7 @@ class HostPatches(NamedTuple):
         about = np.ldexp(about, -second)
         heavy = np.ones(points.shape[:-1]) if weights is None else unit_weights(weights.astype(np.float64), (1, 2))
         net = np.concatenate([about * heavy[..., None], heavy[..., None]], axis=-1)
-        roundings = 3 * (points.shape[1] + points.shape[2] - 2) + 13
+        roundings = 3 * (points.shape[1] + points.shape[2] - 2) + 15
         noise = 2 * np.sqrt(3.0) * gamma(roundings, np.float64) * float(np.abs(about).max())
         return cls(points, net, power, center, second, noise, PatchBorders.of(points, weights))
 

@@ -158,7 +158,9 @@ def growth_beyond(net: Net, low: Array, high: Array) -> Array:
     """Return the factor by which sums of absolute values grow if parameters are between these ends."""
     beyond = jnp.maximum(jnp.maximum(-low, high - 1), 0.0)
     degrees = np.array(net.degrees[: net.parameters], float)
-    return jnp.prod((1 + 2 * beyond) ** degrees.astype(low.dtype)) * (1 + gamma(64, low.dtype))
+    # The numbers take two roundings, their powers as many for each degree.
+    room = gamma(2 * sum(net.degrees) + 64, low.dtype)
+    return jnp.prod((1 + 2 * beyond) ** degrees.astype(low.dtype)) * (1 + room)
 
 
 def valley(piece: Net, low: Array, high: Array, feet: Array, normal: Array, cell: Ball) -> Valley:
