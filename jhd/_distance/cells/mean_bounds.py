@@ -41,6 +41,7 @@ from jhd._arithmetic.rounding import gamma
 from jhd._distance.cells.affine import greatest_square, least_square
 from jhd._distance.cells.arc_length_area import FlatCells
 from jhd._distance.cells.normal_offset_bounds import HeightBounds, unknown_bounds
+from jhd._distance.cells.proxy_bounds import vectors_from
 from jhd._distance.nearest.target import AbstractTarget, ConvexPieces, Flats, ProvenFeet
 from jhd._runtime.arrays import taken
 
@@ -321,8 +322,10 @@ def _across(corners: np.ndarray) -> np.ndarray:
 def _above(cells: FlatCells, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet, room: np.ndarray) -> _Above:
     """Upper bounds over the cells, of the means, and of the means of squares, with room for roundings."""
     rows = target.rows_of(found).take(np.s_[:, None])
-    flats = target.flats(rows, cells.corners.astype(middle.dtype))
-    far = _beside(cells.controls, flats, target.triangles)  # (cells, flats, controls)
+    flats = Flats(*(np.asarray(x, np.float64) for x in target.flats(rows, cells.corners.astype(middle.dtype))))
+    # Upper bounds of f at the controls (cells, flats, controls).
+    far = _length(vectors_from(flats, cells.controls, target.triangles))
+    far = far + np.where(np.isnan(flats.sag), np.inf, flats.sag)[..., None]
     off, slack, corners = cells.off + room, cells.slack + room, cells.corners
     to_middle = found.upper.astype(np.float64)
     spread = np.max(np.sqrt(np.sum((corners - middle[:, None]) ** 2, axis=2)), axis=1)
@@ -333,38 +336,6 @@ def _above(cells: FlatCells, target: AbstractTarget, middle: np.ndarray, found: 
     ends = far[np.arange(len(far)), best] + off[:, None]
     square = greatest_square(ends) if _are_simplices(cells) else np.mean(ends**2, axis=1) * (1 + _over_controls(cells))
     return _Above(most, mean, np.fmin(square, root**2), ends)
-
-
-def _beside(corners: np.ndarray, flats: Flats, triangles: bool) -> np.ndarray:
-    """Upper bounds of f at the corners (cells, flats, corners), from approximate nearest points of the pieces."""
-    origin, first, second, sag = (np.asarray(x, np.float64) for x in flats)
-    apart = corners[:, None] - origin[:, :, None]
-    aa, bb, ab = (np.sum(x * y, axis=-1)[..., None] for x, y in ((first, first), (second, second), (first, second)))
-    xa, xb = (np.sum(apart * x[:, :, None], axis=-1) for x in (first, second))
-    zero = np.zeros_like(xa)
-    along_a, along_b = _clipped(xa, aa), _clipped(xb, bb)
-    if triangles:
-        over = _clipped(xb - xa - ab + aa, aa + bb - 2 * ab)
-        places = [(along_a, zero), (zero, along_b), (1 - over, over)]
-    else:
-        one = zero + 1
-        places = [(along_a, zero), (zero, along_b), (_clipped(xa - ab, aa), one), (one, _clipped(xb - ab, bb))]
-    determinant = aa * bb - ab * ab
-    safe = np.where(determinant > 0, determinant, 1.0)
-    s, t = (xa * bb - xb * ab) / safe, (xb * aa - xa * ab) / safe
-    within = (determinant > 0) & (s >= 0) & (t >= 0) & ((s + t <= 1) if triangles else (s <= 1) & (t <= 1))
-    places.append((np.where(within, s, 0.0), np.where(within, t, 0.0)))
-    lengths = [_left(apart, first, second, s, t) for s, t in places]
-    return np.minimum.reduce(lengths) + np.where(np.isnan(sag), np.inf, sag)[..., None]
-
-
-def _clipped(along: np.ndarray, square: np.ndarray) -> np.ndarray:
-    return np.clip(along / np.where(square > 0, square, 1.0), 0.0, 1.0)
-
-
-def _left(apart: np.ndarray, first: np.ndarray, second: np.ndarray, s: np.ndarray, t: np.ndarray) -> np.ndarray:
-    left = apart - s[..., None] * first[:, :, None] - t[..., None] * second[:, :, None]
-    return np.sqrt(np.sum(left**2, axis=-1))
 
 
 def partings(

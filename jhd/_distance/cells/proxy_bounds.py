@@ -35,6 +35,7 @@ from jaxtyping import Array, Float
 from jhd._arithmetic.rounding import gamma, round_up, smallest_normal
 from jhd._distance.cells.surfaces import FEET
 from jhd._distance.nearest.target import Flats
+from jhd._runtime.arrays import module_of
 
 _PAIRS, _TRIPLES = (np.array(list(combinations(range(FEET), k))) for k in (2, 3))
 
@@ -54,7 +55,7 @@ def bound_of(hull: Any, flats: Flats, triangles: bool) -> Array:
     size = jnp.max(jnp.sum(jnp.abs(corners), axis=-1)) + jnp.max(
         jnp.sum(jnp.abs(flats.origin) + jnp.abs(flats.first) + jnp.abs(flats.second), axis=-1)
     )
-    apart = _apart(jnp.concatenate([corners, jnp.mean(corners, axis=0, keepdims=True)]), flats, triangles)
+    apart = vectors_from(flats, jnp.concatenate([corners, jnp.mean(corners, axis=0, keepdims=True)]), triangles)
     squares = _squares(apart[:, :-1], flats)
 
     def least(apart: Array, squares: Array) -> Array:
@@ -70,42 +71,41 @@ def bound_of(hull: Any, flats: Flats, triangles: bool) -> Array:
     return round_up(length + slack + 1.01 * gamma(64, dtype) * size)
 
 
-def _apart(points: Array, flats: Flats, triangles: bool) -> Array:
-    """Vectors from approximate nearest points of the pieces to points (flats, points, 3)."""
-    return jax.vmap(lambda flat: points - jax.vmap(lambda x: _nearest_of(x, flat, triangles))(points))(flats)
-
-
 def _squares(apart: Array, flats: Flats) -> Array:
     """Squares of f (flats, points); infinite instead of NaN."""
     far = (jnp.sqrt(jnp.sum(apart**2, axis=-1)) + flats.sag[:, None]) ** 2
     return jnp.where(jnp.isnan(far), jnp.inf, far)
 
 
-def _nearest_of(x: Array, flat: Flats, triangles: bool) -> Array:
-    """Approximate nearest point of a piece to x: inside, or on the best of its sides."""
-    a, b, apart = flat.first, flat.second, x - flat.origin
-    aa, bb, ab = (jnp.sum(p * q) for p, q in ((a, a), (b, b), (a, b)))
-    xa, xb = jnp.sum(apart * a), jnp.sum(apart * b)
-    inside = aa * bb - ab * ab
-    safe = jnp.where(inside > 0, inside, 1.0)
-    zero, one = jnp.zeros_like(aa), jnp.ones_like(aa)
-    along_a, along_b = _share(xa, aa), _share(xb, bb)
+def vectors_from(flats: Flats, points: Any, triangles: bool) -> Any:
+    """Vectors (.., flats, points, 3) from approximate nearest points of pieces to points (.., points, 3).
+
+    The nearest points are inside a piece, or on the best of its sides. Works in NumPy and in JAX.
+    """
+    xp = module_of(points)
+    a, b = flats.first[..., None, :], flats.second[..., None, :]
+    apart = points[..., None, :, :] - flats.origin[..., None, :]
+    aa, bb, ab, xa, xb = (xp.sum(x * y, axis=-1) for x, y in ((a, a), (b, b), (a, b), (apart, a), (apart, b)))
+
+    def share(along: Any, square: Any) -> Any:
+        return xp.clip(along / xp.where(square > 0, square, 1.0), 0.0, 1.0)
+
+    zero, one, along_a, along_b = xp.zeros_like(xa), xp.ones_like(xa), share(xa, aa), share(xb, bb)
     if triangles:
         # On the side from the end of `a` to the end of `b`.
-        over = _share(xb - xa - ab + aa, aa + bb - 2 * ab)
-        sides = [(along_a, zero), (zero, along_b), (one - over, over)]
+        over = share(xb - xa - ab + aa, aa + bb - 2 * ab)
+        sides = [(along_a, zero), (zero, along_b), (1 - over, over)]
     else:
-        sides = [(along_a, zero), (zero, along_b), (_share(xa - ab, aa), one), (one, _share(xb - ab, bb))]
+        sides = [(along_a, zero), (zero, along_b), (share(xa - ab, aa), one), (one, share(xb - ab, bb))]
+    area = aa * bb - ab * ab
+    safe = xp.where(area > 0, area, 1.0)
     s, t = (xa * bb - xb * ab) / safe, (xb * aa - xa * ab) / safe
-    within = (s >= 0) & (t >= 0) & ((s + t <= 1) if triangles else ((s <= 1) & (t <= 1))) & (inside > 0)
-    pairs = jnp.stack([jnp.stack(side) for side in sides])
-    places = pairs[:, :1] * a + pairs[:, 1:] * b
-    best = places[jnp.argmin(jnp.sum((apart - places) ** 2, axis=-1))]
-    return flat.origin + jnp.where(within, jnp.clip(s, 0, 1) * a + jnp.clip(t, 0, 1) * b, best)
-
-
-def _share(along: Array, square: Array) -> Array:
-    return jnp.clip(along / jnp.where(square > 0, square, 1.0), 0.0, 1.0)
+    within = (area > 0) & (s >= 0) & (t >= 0) & ((s + t <= 1) if triangles else (s <= 1) & (t <= 1))
+    best = apart - xp.where(within, s, 0.0)[..., None] * a - xp.where(within, t, 0.0)[..., None] * b
+    for s, t in sides:
+        left = apart - s[..., None] * a - t[..., None] * b
+        best = xp.where(xp.sum(left**2, axis=-1, keepdims=True) < xp.sum(best**2, axis=-1, keepdims=True), left, best)
+    return best
 
 
 def _by_a_cut(corners: Array, flats: Flats, squares: Array, triangles: bool) -> Array:
@@ -119,7 +119,7 @@ def _by_a_cut(corners: Array, flats: Flats, squares: Array, triangles: bool) -> 
     share = jnp.where(apart, h[first] / jnp.where(apart, h[first] - h[second], 1.0), 0.0)
     places = corners[first] + share[:, None] * (corners[second] - corners[first])
     two = jax.tree_util.tree_map(lambda x: x[jnp.stack([j, k])], flats)
-    there = jnp.max(jnp.where(apart, _squares(_apart(places, two, triangles), two), -jnp.inf))
+    there = jnp.max(jnp.where(apart, _squares(vectors_from(two, places, triangles), two), -jnp.inf))
     found = jnp.maximum(both[jnp.argmin(both)], there)
     return jnp.where(jnp.isnan(found), jnp.inf, found)
 
