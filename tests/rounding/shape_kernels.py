@@ -10,7 +10,7 @@ import numpy as np
 
 from jhd._arithmetic import bernstein, truncated
 from jhd._arithmetic.rounding import absolute_error, gamma
-from jhd._distance.cells import foot_map_bounds, graphs, lagrange, linear_proxies, tracked_feet_upper
+from jhd._distance.cells import foot_maps, graphs, lagrange, linear_proxies, tracked_feet_upper
 from jhd._distance.cells import surfaces as upper
 from jhd._distance.nearest import chords, forms, stationarity, surface_points
 from jhd._distance.nearest.forms import Boxes, Form
@@ -110,13 +110,13 @@ def isolated_radius(places_of, center):
 
 
 def bound_between(a, b):
-    simplex = foot_map_bounds.Simplex
-    return foot_map_bounds.bound_between(2, simplex(a, None), simplex(b, None), 4)
+    simplex = foot_maps.Simplex
+    return foot_maps.bound_between(2, simplex(a, None), simplex(b, None), 4)
 
 
 def bound_between_rational(a, b, v, w):
-    simplex = foot_map_bounds.Simplex
-    return foot_map_bounds.bound_between(2, simplex(a * v[:, :, None], v), simplex(b * w[:, :, None], w), 4)
+    simplex = foot_maps.Simplex
+    return foot_maps.bound_between(2, simplex(a * v[:, :, None], v), simplex(b * w[:, :, None], w), 4)
 
 
 def _on_piece(a, variables):
@@ -223,12 +223,12 @@ BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
         1,
     ),
     "joined": (lagrange.joined_upper, [np.array(0.7, DTYPE), uniform(48, 2, low=0.0)], (lagrange,), 1),
-    "followed": (bound_between, [_triangular(15, 3, COUNT), _triangular(16, 3, COUNT)], (foot_map_bounds,), 1),
+    "followed": (bound_between, [_triangular(15, 3, COUNT), _triangular(16, 3, COUNT)], (foot_maps,), 1),
     "followed rational": (
         bound_between_rational,
         [_triangular(15, 3, COUNT), _triangular(16, 3, COUNT)]
         + [_triangular(17, COUNT, low=0.1), _triangular(18, COUNT, low=0.1)],
-        (foot_map_bounds,),
+        (foot_maps,),
         1,
     ),
 }

@@ -22,7 +22,7 @@ On rational shapes e = E / w. With l a polynomial of degree one close to w and c
 
 a polynomial and an error of second order relative to e.
 
-Rounding, for coordinates of at most one: E and w are off by the errors in jhd._distance.cells.foot_map_bounds, times
+Rounding, for coordinates of at most one: E and w are off by the errors in jhd._distance.cells.foot_maps, times
 `growth` if parameters are up to x beyond the sides: then the factors 1 - v and v of a level have the sum 1 + 2 x of
 absolute values, and so have the terms. Balls enclose the rest.
 """
@@ -46,7 +46,7 @@ from jhd._arithmetic.simplices import (
     raising,
     scaled,
 )
-from jhd._distance.cells.foot_map_bounds import Simplex, difference
+from jhd._distance.cells.foot_maps import Simplex, difference
 from jhd._distance.cells.pairs import expand
 from jhd._distance.normalization.net_jets import Net, enclosed, eta, jet, part_of, point_error, skew
 

@@ -16,8 +16,7 @@ from jhd._arithmetic.balls import Ball
 from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.simplices import dividing, inner_lattice, lattice
 from jhd._distance.cells.arc_length_area import FlatCells, off_by, restricted
-from jhd._distance.cells.foot_map_bounds import part_over
-from jhd._distance.cells.foot_maps import INSET, Triangles, foot_map, weighted
+from jhd._distance.cells.foot_maps import INSET, Triangles, foot_map, part_over, weighted
 from jhd._distance.cells.normal_offset_bounds import (
     HeightBounds,
     Valley,

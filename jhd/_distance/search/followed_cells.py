@@ -1,4 +1,4 @@
-"""Bounds over cells by feet that are followed over them, from the host; see jhd._distance.cells.foot_map_bounds.
+"""Bounds over cells by feet that are followed over them, from the host; see jhd._distance.cells.foot_maps.
 
 A box of parameters of a patch is two triangles, an interval of a curve is a segment, and the cells of meshes are
 triangles. The pieces on which the feet of a cell lie are tried one after the other, until the bound is good enough. If
@@ -20,14 +20,15 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._arithmetic.simplices import inner_lattice
-from jhd._distance.cells.foot_map_bounds import bound_between, part_over
 from jhd._distance.cells.foot_maps import (
     BEYOND,
     INSET,
     Triangles,
     beyond_sides,
+    bound_between,
     distance_to,
     foot_map,
+    part_over,
     share_on_side,
     weighted,
 )

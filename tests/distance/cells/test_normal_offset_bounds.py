@@ -10,7 +10,7 @@ import pytest
 from jhd._arithmetic.balls import Ball
 from jhd._arithmetic.bernstein import basis
 from jhd._arithmetic.simplices import lattice, multinomials
-from jhd._distance.cells.foot_map_bounds import part_over
+from jhd._distance.cells.foot_maps import part_over
 from jhd._distance.cells.normal_offset_bounds import growth_beyond, heights_between, valley
 from jhd._distance.normalization.net_jets import Net
 from tests.sweeps import swept
