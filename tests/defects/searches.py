@@ -307,8 +307,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "_distance/cells/linear_proxies.py",
-        "distance/cells/test_linear_proxies.py",
+        "_distance/cells/flat_pieces.py",
+        "distance/cells/test_flat_pieces.py",
         (
             "some = square > 0\n",
             "some = square >= 0\n",

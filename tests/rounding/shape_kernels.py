@@ -10,7 +10,7 @@ import numpy as np
 
 from jhd._arithmetic import bernstein, truncated
 from jhd._arithmetic.rounding import absolute_error, gamma
-from jhd._distance.cells import foot_maps, graphs, lagrange, linear_proxies, tracked_feet_upper
+from jhd._distance.cells import flat_pieces, foot_maps, graphs, lagrange, tracked_feet_upper
 from jhd._distance.cells import surfaces as upper
 from jhd._distance.nearest import chords, forms, stationarity, surface_points
 from jhd._distance.nearest.forms import Boxes, Form
@@ -142,7 +142,7 @@ def apart(height, center, half, q):
 def sag(a, origin, first, second):
     normal = jnp.broadcast_to(jnp.array([0, 0, 1], origin.dtype), origin.shape)
     thickness = jnp.full(origin.shape[:1], 0.5, origin.dtype)
-    return linear_proxies._sag(side(a), Flats(origin, first, second, thickness), normal, thickness)
+    return flat_pieces._sag(side(a), Flats(origin, first, second, thickness), normal, thickness)
 
 
 def _about_a_plane() -> np.ndarray:
@@ -219,7 +219,7 @@ BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
             uniform(45, 8, 3) * DTYPE(0.2),
             *(uniform(k, 8, 3) * np.array([0.05, 0.05, 0], DTYPE) for k in (46, 47)),
         ],
-        (linear_proxies, forms),
+        (flat_pieces, forms),
         1,
     ),
     "joined": (lagrange.joined_upper, [np.array(0.7, DTYPE), uniform(48, 2, low=0.0)], (lagrange,), 1),

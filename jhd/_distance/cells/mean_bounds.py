@@ -40,8 +40,8 @@ from jaxtyping import Float
 from jhd._arithmetic.rounding import gamma
 from jhd._distance.cells.affine import greatest_square, least_square
 from jhd._distance.cells.arc_length_area import FlatCells
+from jhd._distance.cells.flat_pieces import vectors_from
 from jhd._distance.cells.normal_offset_bounds import HeightBounds, unknown_bounds
-from jhd._distance.cells.proxy_bounds import vectors_from
 from jhd._distance.nearest.target import AbstractTarget, ConvexPieces, Flats, ProvenFeet
 from jhd._runtime.arrays import taken
 

@@ -25,7 +25,7 @@ from typing_extensions import override
 
 from jhd._arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd._arithmetic.scaling import common_exponent, frexp, ldexp, length, times_two_to, unit, unit_weights
-from jhd._distance.cells.linear_proxies import beside_net, of_points
+from jhd._distance.cells.flat_pieces import beside_net, of_points
 from jhd._distance.cells.pairs import Cell, bound, nearest_in
 from jhd._distance.cells.squared_distance_bounds import distances_by_squares
 from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet

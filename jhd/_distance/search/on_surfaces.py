@@ -13,7 +13,7 @@ from jaxtyping import Array
 from typing_extensions import override
 
 from jhd._arithmetic.rounding import gamma, round_up, unit_roundoff
-from jhd._distance.cells.linear_proxies import beside_surface, of_points
+from jhd._distance.cells.flat_pieces import beside_surface, of_points
 from jhd._distance.cells.pairs import Cell
 from jhd._distance.cells.tracked_feet import moving_bound
 from jhd._distance.cells.tracked_feet_surfaces import narrowed

@@ -1,7 +1,7 @@
 """Sources of distances: curves, parametric surfaces, meshes and implicit surfaces, cut into cells.
 
 A cell lies in the hull of some points, and is bounded by flat pieces of the opposite shape
-(jhd._distance.cells.proxy_bounds). For a curve or patch these points are the control points of a part, and for a
+(jhd._distance.cells.flat_pieces). For a curve or patch these points are the control points of a part, and for a
 triangle its corners. For an implicit surface they are the corners of the part of a box between two planes that enclose
 the surface. Implicit surfaces also use the bound of jhd._distance.cells.surfaces, by points of the opposite shape,
 because it takes the curvature into account.
@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
 from jhd._arithmetic.rounding import gamma
-from jhd._distance.cells.proxy_bounds import Hulls, bound_of
+from jhd._distance.cells.flat_pieces import Hulls, bound_of
 from jhd._distance.nearest.target import AbstractTarget, Flats, FootRows
 from jhd._distance.normalization.net_jets import Net, eta, jet, part_of, point_error
 from jhd._distance.search.polished_place import SharpenedPlace

@@ -15,7 +15,7 @@ from typing_extensions import override
 
 from jhd._arithmetic.polynomials import slopes
 from jhd._arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd._distance.cells.proxy_bounds import Hulls
+from jhd._distance.cells.flat_pieces import Hulls
 from jhd._distance.cells.surfaces import upper_bounds
 from jhd._distance.nearest.forms import Boxes, Form, boxes, form
 from jhd._distance.nearest.surface_points import projected, proven_radius, with_singular_radius

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from jhd._distance.cells.linear_proxies import beside_surface
+from jhd._distance.cells.flat_pieces import beside_surface
 from jhd._distance.normalization.surfaces import prepare_surfaces
 from jhd._shapes import ImplicitSurface
 
