@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd._distance.cells.affine import shares_below
+from jhd._distance.cells.weighted import shares_below
 from jhd._distance.deviation_solution import Deviation, DistanceSamples
 from jhd._plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
 from jhd._plot.colored import DrawnPieces, distances_at, pieces_of, section

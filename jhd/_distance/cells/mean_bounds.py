@@ -22,10 +22,10 @@ corners, here and in the bounds from below by pieces. If F is the foot q of c, t
 itself.
 
 **Between.** Over points, segments and triangles that are spread evenly, l <= d <= u bounds the mean of the square, and
-the fractions in which d is at most some level (jhd._distance.cells.affine). Over a face, between the walls of the prism
-over it and on one side of its plane, d is the distance to the plane, and both l and u are d itself, up to rounding. So
-cells are best cut by the walls and the planes. The planes hold the faces that are nearest to the middle of a cell. No
-proof depends on them: any cut is valid.
+the fractions in which d is at most some level (jhd._distance.cells.weighted). Over a face, between the walls of the
+prism over it and on one side of its plane, d is the distance to the plane, and both l and u are d itself, up to
+rounding. So cells are best cut by the walls and the planes. The planes hold the faces that are nearest to the middle of
+a cell. No proof depends on them: any cut is valid.
 
 Rounding: sizes are at most `size`, and gamma(64) `size` exceeds the roundings of a sum of a few lengths. A mean over
 control points takes one rounding more for each.
@@ -38,10 +38,10 @@ import numpy as np
 from jaxtyping import Float
 
 from jhd._arithmetic.rounding import gamma
-from jhd._distance.cells.affine import greatest_square, least_square
 from jhd._distance.cells.arc_length_area import FlatCells
 from jhd._distance.cells.flat_pieces import vectors_from
 from jhd._distance.cells.normal_offset_bounds import HeightBounds, unknown_bounds
+from jhd._distance.cells.weighted import greatest_square, least_square
 from jhd._distance.nearest.target import AbstractTarget, ConvexPieces, Flats, ProvenFeet
 from jhd._runtime.arrays import taken
 

@@ -5,8 +5,17 @@ w_i = a_i above it; all levels are tried, in the order of the values. Fractions 
 and ones. If affine functions bound a value, they are means of the fractions of cells in which the value is at most a
 level.
 
+**Affine functions.** Over a simplex with k corners, with its points spread evenly, the mean of the square of an affine
+function with the values v_i is (sum v_i^2 + (sum v_i)^2) / (k (k + 1)). With sorted values, the function is at most t
+over the fraction (t - v_0) / (v_1 - v_0) of a segment, and over the following fraction of a triangle:
+
+    (t - v_0)^2 / ((v_1 - v_0) (v_2 - v_0))       if t is between v_0 and v_1,
+    1 - (v_2 - t)^2 / ((v_2 - v_0) (v_2 - v_1))   if t is between v_1 and v_2.
+
 Rounding: sums of n positive terms err by gamma(n) relative to themselves, whatever the order of the terms. Weights that
-are known exactly, for example weights of points, have exact sums and quantiles, in whole numbers.
+are known exactly, for example weights of points, have exact sums and quantiles, in whole numbers. A difference of two
+floats has one rounding, and underflows only to zero. A quotient of two such differences that is at most one is formed
+first, so a fraction is off by gamma(8) of at most one. Numbers below the smallest normal number are far less than that.
 """
 
 from bisect import bisect_left
@@ -18,11 +27,12 @@ import numpy as np
 from jaxtyping import Float
 
 from jhd._arithmetic.rounding import gamma
-from jhd._distance.cells.affine import shares_below
 from jhd._runtime.arrays import taken
 
 # Rounding error of the fraction of a quantile as a float.
 _ROUNDED = Fraction(1, 2**50)
+# Roundings of means of squares and of fractions of simplices.
+_ROUNDINGS = gamma(32, np.float64)
 # Bisection steps for the level of a quantile between the levels of whole cells.
 _HALVINGS = 24
 
@@ -54,6 +64,43 @@ def _least_mean(weights: Weights, values: np.ndarray) -> float:
     total = below[0] + above[0]
     known = total > 0
     return float(np.min((below[1] + above[1])[known] / total[known]))
+
+
+def greatest_square(values: Float[np.ndarray, "cells corners"]) -> Float[np.ndarray, " cells"]:
+    """Upper bounds of the means of the squares."""
+    count = values.shape[1]
+    return (np.sum(values**2, axis=1) + np.sum(values, axis=1) ** 2) / (count * (count + 1)) * (1 + _ROUNDINGS)
+
+
+def least_square(values: Float[np.ndarray, "cells corners"]) -> Float[np.ndarray, " cells"]:
+    """Lower bounds of the means of max(f, 0)^2: nowhere is f more negative than at a corner."""
+    count = values.shape[1]
+    whole = (np.sum(values**2, axis=1) + np.sum(values, axis=1) ** 2) / (count * (count + 1))
+    negative = np.maximum(-np.min(values, axis=1), 0.0)
+    return np.maximum(whole - negative**2 - _ROUNDINGS * np.max(values**2, axis=1), 0.0)
+
+
+def shares_below(
+    values: Float[np.ndarray, "cells corners"], level: float
+) -> tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]:
+    """Lower and upper bounds of the fractions of the simplices on which the functions are at most `level`."""
+    ordered = np.sort(values, axis=1)
+    first, last = ordered[:, 0], ordered[:, -1]
+    low, high = (last <= level).astype(np.float64), (first <= level).astype(np.float64)
+    rows = np.flatnonzero(low != high)
+    if not len(rows):
+        return low, high
+    v, first, last = ordered[rows], first[rows], last[rows]
+    if values.shape[1] == 2:
+        share = (level - first) / (last - first)
+    else:
+        middle = v[:, 1]
+        left = level < middle
+        end, apart = np.where(left, first, last), np.abs(level - np.where(left, first, last))
+        corner = apart / (last - first) * (apart / np.where(apart > 0, np.abs(middle - end), 1.0))
+        share = np.where(left, corner, 1 - corner)
+    low[rows], high[rows] = np.clip(share - _ROUNDINGS, 0.0, 1.0), np.clip(share + _ROUNDINGS, 0.0, 1.0)
+    return low, high
 
 
 class Values(NamedTuple):

@@ -5,8 +5,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jhd._distance.cells.affine import greatest_square, least_square
-from jhd._distance.cells.weighted import Values, Weights, mean_bounds, quantile_bounds, share_bounds
+from jhd._distance.cells.weighted import (
+    Values,
+    Weights,
+    greatest_square,
+    least_square,
+    mean_bounds,
+    quantile_bounds,
+    share_bounds,
+)
 
 SEEDS = range(20)
 
