@@ -120,6 +120,19 @@ def plus(x: Truncated, y: Truncated) -> Truncated:
     return Truncated(terms, rest + 16 * smallest_normal(dtype))
 
 
+def summed(x: Truncated) -> Truncated:
+    """The sum of functions along their first axis."""
+    found = Truncated(x.terms[:, 0], x.rest[0])
+    for k in range(1, x.rest.shape[0]):
+        found = plus(found, Truncated(x.terms[:, k], x.rest[k]))
+    return found
+
+
+def dot(x: Truncated, y: Truncated) -> Truncated:
+    """Scalar products along the first axis."""
+    return summed(product(x, y))
+
+
 def scaled(x: Truncated, factor: Array | float) -> Truncated:
     """The functions times numbers."""
     dtype, size = x.terms.dtype, jnp.abs(jnp.asarray(factor))
@@ -251,6 +264,14 @@ def composed_on_graph(form: Array, height: Truncated, loose: Array | float) -> T
     return jax.lax.fori_loop(1, count, step, start)
 
 
+def derivative(form: Array, axis: int) -> Array:
+    """The derivative of the polynomial of x^i y^j .. in one of its variables, with the shape of `form`."""
+    count = form.shape[axis]
+    powers = np.arange(1, count).reshape([-1 if k == axis else 1 for k in range(form.ndim)])
+    rows = jax.lax.slice_in_dim(form, 1, count, axis=axis) * powers
+    return jnp.pad(rows, [(0, 1 if k == axis else 0) for k in range(form.ndim)])
+
+
 def bernstein_form(terms: Array) -> Array:
     """Bernstein coefficients on the square, (degree + 1, degree + 1, ...), of terms (terms, ...)."""
     tables = _tables(len(terms))
@@ -263,3 +284,8 @@ def largest(x: Truncated) -> Array:
     dtype = x.terms.dtype
     values = bernstein_form(x.terms)
     return jnp.max(values, axis=(0, 1)) + (x.rest * (1 + gamma(4, dtype)) + gamma(_ROUNDINGS, dtype) * x.size)
+
+
+def extremes(x: Truncated) -> tuple[Array, Array]:
+    """Lower and upper bounds of the values on the square."""
+    return -largest(scaled(x, -1.0)), largest(x)

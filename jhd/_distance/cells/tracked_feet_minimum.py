@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd._arithmetic.rounding import gamma, smallest_normal
-from jhd._arithmetic.truncated import EXPONENTS, Truncated, largest, product, scaled
+from jhd._arithmetic.truncated import EXPONENTS, Truncated, dot, extremes, largest, scaled
 from jhd._arithmetic.truncated import plus as added
 
 # Steps from side to side towards the least value of a parabola.
@@ -74,8 +74,7 @@ def _parabola(terms: Array) -> Truncated:
     zero = jnp.zeros((terms.shape[0], *shift.shape), terms.dtype)
     # These numbers may be chosen freely, so nothing that they are computed with counts as an error.
     lines = Truncated(zero.at[_S].set(factors[:, 0]).at[_T].set(factors[:, 1]).at[0].set(-shift), jnp.zeros_like(shift))
-    squares = product(lines, lines)
-    return added(*(Truncated(squares.terms[:, k], squares.rest[k]) for k in range(2)))
+    return dot(lines, lines)
 
 
 def least_of_rest(rest: Truncated, bent: Array, low: Array, high: Array) -> Array:
@@ -89,7 +88,7 @@ def least_of_rest(rest: Truncated, bent: Array, low: Array, high: Array) -> Arra
     """
     dtype = low.dtype
     # Of positive t the least slope counts, of negative t the largest.
-    ends = -largest(scaled(rest, -1.0)), largest(rest)
+    ends = extremes(rest)
     ranges = (jnp.maximum(low, 0.0), jnp.maximum(high, 0.0)), (jnp.minimum(low, 0.0), jnp.minimum(high, 0.0))
 
     def over(slope: Array, first: Array, last: Array) -> Array:

@@ -35,7 +35,19 @@ from jhd._arithmetic.balls import Ball, factors, plus, semidefinite
 from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.scaling import length
 from jhd._arithmetic.trivariate import power_conversion
-from jhd._arithmetic.truncated import DEGREE, EXPONENTS, Truncated, composed, largest, product, reciprocal, scaled
+from jhd._arithmetic.truncated import (
+    DEGREE,
+    EXPONENTS,
+    Truncated,
+    composed,
+    derivative,
+    dot,
+    extremes,
+    product,
+    reciprocal,
+    scaled,
+    summed,
+)
 from jhd._arithmetic.truncated import plus as added
 from jhd._distance.cells.foot_maps import foot_between, stepped
 from jhd._distance.cells.graphs import at_nodes, fitted
@@ -89,8 +101,8 @@ def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: 
     """Lower bound of the squared distance of moving points from a point, or from a piece between parameters."""
     m, dtype, rational = piece.parameters, low.dtype, piece.weights is not None
     if piece.degrees == (0, 0):
-        apart = less(point, _constant(piece.points[0, 0]))
-        return MovingSquare(least(_dot(apart, apart)), jnp.asarray(True))
+        apart = _shifted(point, -piece.points[0, 0])
+        return MovingSquare(least(dot(apart, apart)), jnp.asarray(True))
     q = _feet(piece, point.terms, low, high, start)
     begin, end = _box(q, low, high)
     half = 0.5 * (end - begin)
@@ -102,9 +114,9 @@ def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: 
     point = _shifted(point, -of_b.center)
     bent = _convexity(point, over, jnp.sum(there.first.terms[0] ** 2, axis=0))
     apart = less(point, there.point)
-    square = least(_dot(apart, apart))
+    square = least(dot(apart, apart))
     apart = Truncated(apart.terms[:, :, None], apart.rest[:, None])
-    rest = scaled(_dot(apart, there.first), -2.0)
+    rest = scaled(dot(apart, there.first), -2.0)
     # The location of the cell of b in E; E is large enough that the subtractions lose little.
     ends = [(x - begin) / half - 1 for x in (low, high)]
     size, slack = jnp.sum(jnp.abs(q), axis=0) - jnp.abs(q[0]), gamma(64, dtype) * jnp.ones_like(half)
@@ -239,12 +251,12 @@ def _derivatives(powers: _Powers, n: int, order: int) -> _Powers:
     """A part and its derivatives up to an order, (.., width, derivatives)."""
     degrees = np.array(powers.rows.shape[:n]) - 1.0
     rows, factors = [powers.rows], [np.ones(1)]
-    first = [_derivative(powers.rows, k) for k in range(n)]
+    first = [derivative(powers.rows, k) for k in range(n)]
     if order > 0:
         rows, factors = [*rows, *first], [*factors, degrees]
     if order > 1:
         rows, factors = (
-            [*rows, *(_derivative(x, k) for x in first for k in range(n))],
+            [*rows, *(derivative(x, k) for x in first for k in range(n))],
             [*factors, np.outer(degrees, degrees).ravel()],
         )
     stacked = jnp.stack(rows, axis=-1)
@@ -280,42 +292,12 @@ def _quotients(x: Truncated, rational: bool, n: int) -> _Moved:
     return _Moved(point, first, product(second, inverse))
 
 
-def _constant(x: Array) -> Truncated:
-    return Truncated(jnp.zeros((len(EXPONENTS), *x.shape), x.dtype).at[0].set(x), jnp.zeros_like(x))
-
-
-def _sizes(x: Truncated) -> Array:
-    """Return the largest absolute values on the square."""
-    return jnp.maximum(largest(x), largest(scaled(x, -1.0)))
-
-
 def _last(x: Truncated, part: Any) -> Truncated:
     return Truncated(x.terms[..., part], x.rest[..., part])
 
 
 def _at(x: Truncated, part: slice) -> Truncated:
     return Truncated(x.terms[:, part], x.rest[part])
-
-
-def _derivative(rows: Array, axis: int) -> Array:
-    """Return the derivative in one of the numbers, with the shape of `rows`."""
-    count = rows.shape[axis]
-    factors = np.arange(1, count).reshape([-1 if k == axis else 1 for k in range(rows.ndim)])
-    found = jax.lax.slice_in_dim(rows, 1, count, axis=axis) * factors
-    return jnp.pad(found, [(0, 1 if k == axis else 0) for k in range(rows.ndim)])
-
-
-def _dot(x: Truncated, y: Truncated) -> Truncated:
-    """Scalar products along the first axis."""
-    return _sum(product(x, y))
-
-
-def _sum(every: Truncated) -> Truncated:
-    """The sum along the first axis."""
-    total = _at(every, slice(0, 1))
-    for k in range(1, every.rest.shape[0]):
-        total = added(total, _at(every, slice(k, k + 1)))
-    return Truncated(total.terms[:, 0], total.rest[0])
 
 
 def _convexity(on_a: Truncated, over: _Moved, squares: Array) -> Array:
@@ -325,15 +307,17 @@ def _convexity(on_a: Truncated, over: _Moved, squares: Array) -> Array:
     second = Truncated(over.second.terms[..., None], over.second.rest[..., None])
     # The middle of a, its motion in a plane, and the rest.
     plane = on_a.terms[:3].T[:, None]
-    parts = _sum(scaled(second, plane))
+    parts = summed(scaled(second, plane))
     around = Truncated(on_a.terms.at[:3].set(0.0), on_a.rest).size * (1 + gamma(64, dtype))
-    loose = jnp.sum(around[:, None] * over.second.size, axis=0) + jnp.sum(_sizes(parts)[:, 1:], axis=-1)
+    low, high = extremes(parts)
+    loose = jnp.sum(around[:, None] * over.second.size, axis=0) + jnp.sum(jnp.maximum(high, -low)[:, 1:], axis=-1)
     loose = loose * (1 + gamma(64, dtype))
     h = added(
-        _dot(_last(over.first, k), _last(over.first, m)),
-        less(_dot(Truncated(over.point.terms[..., None], over.point.rest[..., None]), over.second), _last(parts, 0)),
+        dot(_last(over.first, k), _last(over.first, m)),
+        less(dot(Truncated(over.point.terms[..., None], over.point.rest[..., None]), over.second), _last(parts, 0)),
     )
-    ranges = between(-largest(scaled(h, -1.0)) - loose, largest(h) + loose)
+    low, high = extremes(h)
+    ranges = between(low - loose, high + loose)
     h = Ball(*(x.reshape(n, n) for x in ranges))
     free = jnp.zeros(squares.shape, bool)
 

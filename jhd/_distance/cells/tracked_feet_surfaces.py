@@ -46,7 +46,7 @@ from jaxtyping import Array
 from jhd._arithmetic.balls import Ball, plus, semidefinite, times
 from jhd._arithmetic.polynomials import slopes
 from jhd._arithmetic.rounding import gamma, smallest_normal
-from jhd._arithmetic.truncated import Truncated, composed, largest, product, scaled
+from jhd._arithmetic.truncated import Truncated, composed, derivative, dot, extremes, largest, product, scaled
 from jhd._arithmetic.truncated import plus as added
 from jhd._distance.cells.graphs import S, T, at_nodes, beside_graph, fitted, graph_over, values_on_graph
 from jhd._distance.cells.implicit import between, shape_over
@@ -98,7 +98,7 @@ def square_to_surface(b: Side, point: Truncated, low: Array, high: Array, start:
     feet = local_feet(b, places, jnp.broadcast_to(first, places.shape), _STEPS_OF_FEET)
     moving = _moving(b, point, feet, _multipliers(b, places, feet))
     ends = jnp.minimum(low, moving.low), jnp.maximum(high, moving.high)
-    v = between(-largest(scaled(moving.multiplier, -1.0)), largest(moving.multiplier))
+    v = between(*extremes(moving.multiplier))
     modulus, heavy = _convexity(b, *ends, v, moving.gradient.terms[0])
     square, rest = least(_square(moving)), _rest(moving, modulus, heavy, low, high)
     return MovingSquare(square + rest - gamma(4, low.dtype) * (jnp.abs(square) + jnp.abs(rest)), modulus > 0)
@@ -120,7 +120,8 @@ def distance_to_surface(b: Side, point: Truncated, start: Array) -> Array:
     feet = local_feet(b, places, jnp.broadcast_to(start[:, None], places.shape), _FIRST)
     moving = _moving(b, point, feet, jnp.zeros_like(feet[0]))
     far = jnp.sqrt(jnp.maximum(largest(_square(moving)), 0.0)) * (1 + gamma(4, dtype))
-    value = jnp.maximum(largest(moving.value), largest(scaled(moving.value, -1.0)))
+    least_value, most_value = extremes(moving.value)
+    value = jnp.maximum(most_value, -least_value)
     slope = moving.gradient.terms[0]
     size = jnp.sqrt(jnp.sum(slope**2))
     unit = slope / jnp.where(size > 0, size, 1.0)
@@ -168,7 +169,7 @@ def _moving(b: Side, point: Truncated, feet: Array, multipliers: Array) -> _Movi
     ranges, on = piece_about(b, q[..., None])
     dtype = q.dtype
     # The polynomial and its derivatives in the three sides, side by side.
-    forms = jnp.stack([on.local, *(_derivative(on.local, k) for k in range(3))], axis=3)
+    forms = jnp.stack([on.local, *(derivative(on.local, k) for k in range(3))], axis=3)
     variables = Truncated(on.variables.terms[:, :, None], on.variables.rest[:, None])
     four = composed(forms, variables)
     error = on.form.error * np.array([1.0, *[sum(on.local.shape[:3])] * 3])[:, None]
@@ -180,14 +181,6 @@ def _moving(b: Side, point: Truncated, feet: Array, multipliers: Array) -> _Movi
     slack = ranges.reach * (1 + gamma(8, dtype)) + gamma(8, dtype) * jnp.abs(ranges.center)
     ends = ranges.center - slack, ranges.center + slack
     return _MovingFoot(apart, value, gradient, Truncated(v, jnp.zeros_like(v[0])), *(end[:, 0] for end in ends))
-
-
-def _derivative(local: Array, axis: int) -> Array:
-    """Return the derivative of a form in one of its variables, with the shape of the form."""
-    n = local.shape[axis]
-    powers = np.arange(1, n).reshape([-1 if k == axis else 1 for k in range(local.ndim)])
-    rows = jax.lax.slice_in_dim(local, 1, n, axis=axis) * powers
-    return jnp.pad(rows, [(0, 1 if k == axis else 0) for k in range(local.ndim)])
 
 
 def seems_convex(b: Side, place: Array, low: Array, high: Array, start: Array) -> Array:
@@ -230,11 +223,7 @@ def _convexity(
 
 def _square(moving: _MovingFoot) -> Truncated:
     """Return |P - Q|^2 + v g(Q)."""
-    squares, lost = product(moving.apart, moving.apart), product(moving.multiplier, moving.value)
-    total = lost
-    for k in range(3):
-        total = added(total, Truncated(squares.terms[:, k], squares.rest[k]))
-    return total
+    return added(dot(moving.apart, moving.apart), product(moving.multiplier, moving.value))
 
 
 def _rest(moving: _MovingFoot, modulus: Array, heavy: Array, low: Array, high: Array) -> Array:
