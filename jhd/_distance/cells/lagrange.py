@@ -41,7 +41,7 @@ from jhd._distance.cells.implicit import (
     shape_at,
     shape_over,
 )
-from jhd._distance.cells.pairs import Cell, PairBound, bends, expand, joined, newton_step
+from jhd._distance.cells.pairs import Cell, PairBound, bends, derivatives, expand, joined, newton_step
 from jhd._distance.nearest.surface_points import proven_radius, returned
 from jhd._distance.normalization.isolated import cleared
 from jhd._distance.normalization.net_jets import Net, part_of, skew
@@ -89,17 +89,14 @@ class _Lagrange(NamedTuple):
 
 def _lagrange(a: At, b: At) -> _Lagrange:
     n, m = a.first.shape[0], b.first.shape[0]
-    e = a.point - b.point
-    first = jnp.concatenate([a.first, -b.first])
-    hessian = jnp.sum(first[:, None] * first[None], axis=-1)
-    hessian = hessian.at[:n, :n].add(jnp.sum(a.second * e, axis=-1)).at[n:, n:].add(-jnp.sum(b.second * e, axis=-1))
+    e, gradient, hessian = derivatives(a, b)
     values, slopes, bents = [], [], []
     for side, place in ((a, slice(0, n)), (b, slice(n, n + m))):
         if side.value is not None:
             values.append(side.value)
             slopes.append(jnp.zeros(n + m, e.dtype).at[place].set(side.slope))
             bents.append(jnp.zeros((n + m, n + m), e.dtype).at[place, place].set(side.bent))
-    return _Lagrange(e, jnp.sum(first * e, -1), hessian, jnp.stack(values), jnp.stack(slopes), jnp.stack(bents))
+    return _Lagrange(e, gradient, hessian, jnp.stack(values), jnp.stack(slopes), jnp.stack(bents))
 
 
 def _multipliers(now: _Lagrange, free: Array) -> Array:

@@ -81,7 +81,7 @@ def _joined(a: Any, b: Any) -> Array:
     return jnp.concatenate([a.first, -b.first])
 
 
-def derivatives(a: NetJet, b: NetJet) -> tuple[Array, Array, Array]:
+def derivatives(a: Any, b: Any) -> tuple[Array, Array, Array]:
     """The vector e, the gradient of |e|^2 / 2 and its matrix of second derivatives."""
     e, first = a.point - b.point, _joined(a, b)
     bent = blocks(jnp.sum(a.second * e, axis=-1), -jnp.sum(b.second * e, axis=-1))
