@@ -268,8 +268,8 @@ DEFECTS = [
         ),
         ("* (1 - _ROUNDED) * inside[-1]", "* inside[-1]", "test_a_share_is_reached_within_its_own_rounding"),
         (
-            "inside, outside = np.cumsum(a), np.append(np.cumsum(b[::-1])[::-1][1:], 0.0)",
-            "inside, outside = np.cumsum(b), np.append(np.cumsum(a[::-1])[::-1][1:], 0.0)",
+            "(upper, a, b, 1 - room)",
+            "(upper, b, a, 1 - room)",
             "test_shares_and_quantiles_of_all_choices_are_within_the_bounds",
         ),
     ),

@@ -181,18 +181,15 @@ def _of_cells(weights: Weights, lower: np.ndarray, upper: np.ndarray, q: float) 
         return float(least), float(most)
     # The fraction, a product with it and a sum are rounded too.
     q, room = q * (1 - float(_ROUNDED)), gamma(len(lower) + 16, np.float64)
-    order = np.argsort(lower)
-    a, b = weights.lower[order], weights.upper[order]
-    inside, outside = np.cumsum(b), np.append(np.cumsum(a[::-1])[::-1][1:], 0.0)
-    # The largest fraction with values up to each lower bound.
-    enough = inside * (1 + room) >= q * (inside + outside)
-    low = float(lower[order][np.argmax(enough)]) if np.any(enough) else float(np.max(lower))
-    order = np.argsort(upper)
-    a, b = weights.lower[order], weights.upper[order]
-    inside, outside = np.cumsum(a), np.append(np.cumsum(b[::-1])[::-1][1:], 0.0)
-    enough = inside * (1 - room) >= q * (inside + outside)
-    high = float(upper[order][np.argmax(enough)]) if np.any(enough) else float(np.max(upper))
-    return low, high
+    found = []
+    # The largest fraction with values up to each lower bound, and the smallest one up to each upper bound.
+    for values, within, beyond, factor in ((lower, b, a, 1 + room), (upper, a, b, 1 - room)):
+        order = np.argsort(values)
+        inside = np.cumsum(within[order])
+        outside = np.append(np.cumsum(beyond[order][::-1])[::-1][1:], 0.0)
+        enough = inside * factor >= q * (inside + outside)
+        found.append(float(values[order][np.argmax(enough)] if np.any(enough) else np.max(values)))
+    return found[0], found[1]
 
 
 def first_reaching(weights: np.ndarray, q: float) -> int:
