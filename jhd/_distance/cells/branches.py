@@ -208,11 +208,7 @@ def hermite(s0: Any, s1: Any, v0: Any, v1: Any) -> Any:
 
 
 def _composed(c: Array, sigma: Array, complement: Array) -> Array:
-    """Coefficients of f(sigma(u)) for f given by c (q + 1, ...): de Casteljau's algorithm on polynomials in u.
-
-    Each level forms complement * c_i + sigma * c_{i+1}; the products are kept scaled by binomial coefficients, so that
-    they are plain convolutions, and unscaled at the end.
-    """
+    """Coefficients of f(sigma(u)), f given by c (q + 1, ...), by de Casteljau's algorithm on scaled polynomials."""
     q, g = c.shape[0] - 1, sigma.shape[0] - 1
     s, o = (polynomial * bernstein.binomials(g).astype(sigma.dtype) for polynomial in (sigma, complement))
     rows = c[..., None]
@@ -235,11 +231,7 @@ def _difference(part: Piece, foot: Piece, sigma: Array, complement: Array) -> tu
 
 
 def _peak(both: _FollowedBranch) -> tuple[Array, Array, Array]:
-    """Return the parameter at which the smaller of the two distances is largest, its value, and the nearer branch.
-
-    The best of a few samples, then steps to the best among the peaks of either branch and their crossing, each
-    predicted from values and two derivatives.
-    """
+    """Return the parameter at which the smaller of the two distances is largest, its value, and the nearer branch."""
 
     def heights(u: Array) -> Array:
         def one(e: Array, w: Array | None) -> Array:

@@ -281,11 +281,7 @@ def _put(found: ProvenFeet, rows: np.ndarray, others: ProvenFeet) -> None:
 
 
 def _close(lost: np.ndarray, goal: float) -> float:
-    """Tolerance for the bounds of far points' distances: a small part of the loss of most cells.
-
-    From near the center of a round shape all of its points are equally near, and proving the last digits takes very
-    many cells.
-    """
+    """Tolerance for distances of far points: they are costly near the center of a round shape, so only a small part."""
     return _SMALL_PART * max(float(np.median(lost)), goal)
 
 

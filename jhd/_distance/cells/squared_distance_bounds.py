@@ -89,12 +89,7 @@ def distances_by_squares(
 
 
 def _less_squares(squares: np.ndarray, weighed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower bounds of |n|^2 / w^2 by sums of squares q, and bounds of their rounding errors; -inf if none applies.
-
-    Args:
-        squares: Bernstein coefficients (cells, i, j) of |n|^2.
-        weighed: Bernstein coefficients of w^2.
-    """
+    """Lower bounds, or -inf, of |n|^2 / w^2 by sums of squares q, and bounds of their errors, from (cells, i, j)."""
     i, j = (count // 2 for count in squares.shape[1:])
     divisor = np.where(weighed > 0, weighed, 1.0)
     middle = squares[:, i, j] / divisor[:, i, j]
@@ -109,11 +104,9 @@ def _less_squares(squares: np.ndarray, weighed: np.ndarray) -> tuple[np.ndarray,
 def _roots(rest: np.ndarray) -> np.ndarray:
     """Bernstein coefficients (cells, m, n, 2) of two functions whose squares sum up to about a function less a number.
 
-    The function is expanded about the middle of the part. The first root follows the direction in which it is bent most
-    and is quadratic, so that its square has the right terms of third degree; the second one is linear.
-
-    Args:
-        rest: Bernstein coefficients (cells, 2 m - 1, 2 n - 1) of the function.
+    The function (cells, 2 m - 1, 2 n - 1) is expanded about the middle of the part. The first root follows the
+    direction in which it is bent most and is quadratic, so that its square has the right terms of third degree; the
+    second one is linear.
     """
     slope = np.stack([_middle_derivative(rest, k) for k in range(2)], axis=1)
     bent = np.stack([np.stack([_middle_derivative(rest, k, m) for k in range(2)], axis=1) for m in range(2)], axis=1)

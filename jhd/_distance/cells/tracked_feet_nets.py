@@ -78,11 +78,7 @@ class _PartWithErrors(NamedTuple):
 
 
 class _Powers(NamedTuple):
-    """Rows (i, j, width) of powers of two numbers in [-1, 1], points or homogeneous ones, and errors of the values.
-
-    Points are relative to a center, so the numbers that the weights multiply, and their rests, are as small as the
-    part.
-    """
+    """Rows (i, j, width) of powers of two numbers in [-1, 1], points about a center or homogeneous ones, and errors."""
 
     rows: Array
     error: Array
@@ -237,14 +233,11 @@ def _shifted(point: Truncated, by: Array) -> Truncated:
 
 
 class _Moved(NamedTuple):
-    """Points (terms, 3) of b at moving parameters, relative to the center of its part, and derivatives.
+    """Points of b at moving parameters, relative to the center of its part, and derivatives."""
 
-    First derivatives are (terms, 3, n). Second derivatives, if asked for, are (terms, 3, n n).
-    """
-
-    point: Truncated
-    first: Truncated
-    second: Truncated
+    point: Truncated  # (terms, 3)
+    first: Truncated  # (terms, 3, n)
+    second: Truncated  # (terms, 3, n n), or empty
 
 
 def _derivatives(powers: _Powers, n: int, order: int) -> _Powers:
