@@ -281,7 +281,8 @@ def _reporting(solution: Any, progress: Callback | None, max_seconds: float | No
         if progress is not None:
             progress(Progress(direction, proven, proven + left))
         if left and clock.is_over():
-            counted = f"{proven} cells are proven and {left} are left. Raise max_seconds or slack."
+            noun = "pairs" if direction in ("apart", "witness") else "cells"
+            counted = f"{proven} {noun} are proven and {left} are left. Raise max_seconds or slack."
             raise NotProvenError(f"There is no certificate after {max_seconds} seconds: {counted}", solution)
 
     return report

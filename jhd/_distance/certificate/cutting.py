@@ -25,14 +25,14 @@ class UncoveredError(Exception):
     def far(cls, piece: int, x: np.ndarray) -> "UncoveredError":
         """Return the error for a point at parameters of a piece that is farther away than the bound."""
         return cls(
-            f"the point of piece {piece} at {x.tolist()} is farther from the other shape than this bound. "
+            f"the point of piece {piece} at parameters {x.tolist()} is farther from the other shape than this bound. "
             "Pass the solution of these two shapes in this order, or a larger slack."
         )
 
     @classmethod
     def narrow(cls, piece: int, x: np.ndarray) -> "UncoveredError":
         """Return the error for a cell that is not proven and cannot be cut."""
-        return cls(f"no proof is found near the point of piece {piece} at {x.tolist()}: pass a larger slack.")
+        return cls(f"no proof is found near piece {piece} at parameters {x.tolist()}: pass a larger slack.")
 
 
 @runtime_checkable

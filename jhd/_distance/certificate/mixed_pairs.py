@@ -195,6 +195,8 @@ def _candidates(
 
 def _far_points(source: AbstractSide, target: AbstractSide) -> list[np.ndarray]:
     """Return points of the source that are far from the target, the farthest first."""
+    if not source.is_found:
+        return []
     draw = np.random.default_rng(0)
     points = source.samples(draw, _SAMPLED)
     distances = np.array([target.distance(point) for point in points])

@@ -416,8 +416,8 @@ def _parts(
     Raises:
         UncoveredError: there is a cell that cannot be cut.
     """
-    depth = max(len(name) for name in cells.name)
-    if source.cell_corners == 1 or depth >= MOST_CUTS:
+    # All cells of a generation have been cut equally often.
+    if source.cell_corners == 1 or len(cells.name[0]) >= MOST_CUTS:
         raise UncoveredError.narrow(int(cells.piece[0]), cells.x[0, 0])
     names, corners, parent = [], [], []
     for k in range(len(cells.piece)):

@@ -107,7 +107,7 @@ class _Tried:
         # Points of the source in the cell, for which feet are searched.
         shares = source.shares_in(self.corners, grid(self.count, _GRIDS[self.count]))
         points = self._points(shares)
-        maps = self._maps(points)
+        maps = self._maps(shares, points)
         tried = (self._with(entry, chosen) for chosen in self._choices(maps, shares, points))
         return next((done for done in tried if done is not None), None)
 
@@ -116,24 +116,24 @@ class _Tried:
 
     # ---- maps --------------------------------------------------------------------------------------
 
-    def _maps(self, points: np.ndarray) -> list[FootMap]:
-        """Return maps that follow the feet of some points of the cell.
+    def _maps(self, shares: np.ndarray, points: np.ndarray) -> list[FootMap]:
+        """Return maps that follow the feet of some points of the cell, given with their barycentric coordinates.
 
         Raises:
             UncoveredError: a point of the source is farther away than the bound.
         """
         limit = self.upper * (1 + _SURELY)
-        chosen = self.corners.mean(axis=0)[None]
         if len(points):
             far = np.argsort(-np.sum((points - points.mean(axis=0)) ** 2, axis=1))
-            chosen = np.concatenate([points[far[:4]], points[far[-1:]]])[::-1]
+            rows = np.append(far[:4], far[-1])[::-1]
+            shares, points = shares[rows], points[rows]
         else:
-            # Points that are not on the source cannot be too far away.
-            limit = np.inf
+            # The middle is not on the source, and cannot be too far away.
+            shares, points, limit = np.full((1, self.count), 1 / self.count), self.corners.mean(axis=0)[None], np.inf
         found: list[FootMap] = []
-        for point, near in zip(chosen, self.target.maps_near(self.corners, chosen, limit), strict=True):
+        for u, point, near in zip(shares, points, self.target.maps_near(self.corners, points, limit), strict=True):
             if near.distance > limit and self.target.proven_distance(point, near.distance) > self.upper * (1 + 1e-12):
-                raise UncoveredError.far(self.cell.piece, point)
+                raise UncoveredError.far(self.cell.piece, u @ self.cell.x)
             for each in near.maps:
                 if not any(_are_alike(each, other) for other in found):
                     found.append(each)

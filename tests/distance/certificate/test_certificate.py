@@ -118,6 +118,9 @@ def test_a_time_limit_is_an_error_that_counts_the_cells(made):
         certify(a, b, solution, max_seconds=1e-9)
     with pytest.raises(ValueError, match="max_seconds is 0"):
         certify(a, b, solution, max_seconds=0)
+    rows, moved = jhd.polyline([(0, 0), (1, 2), (2, 0)]), jhd.polyline([(0, 1), (1, 3), (2, 1)])
+    with pytest.raises(jhd.NotProvenError, match=r"\d+ pairs are proven and \d+ are left"):
+        certify(rows, moved, jhd.minimum_distance(rows, moved), max_seconds=1e-9)
 
 
 def test_progress_counts_the_cells_of_each_direction(made):

@@ -1,6 +1,7 @@
 """Certificates of implicit surfaces with shapes of every kind: what is true is proven sharply, the rest refused."""
 
 import copy
+import dataclasses
 import itertools
 import math
 from typing import Any
@@ -172,6 +173,8 @@ def test_what_is_false_has_none():
             certify(POINT, flat(0), claim(value - SLACK, value + SLACK))
     with pytest.raises(jhd.NotProvenError, match="farther from the other shape"):
         certify(flat(0), POINT, claim(0.0, BACK - 1e-6))
+    with pytest.raises(jhd.NotProvenError, match=r"the point of piece 0 at parameters \[\d\.\d+, \d\.\d+\] is farther"):
+        certify(TRIANGLE, flat(0), claim(0.0, 0.9))
     with pytest.raises(ValueError, match=r"b has degrees \(0, 0, 11\); certificates go up to 10 in each variable"):
         certify(POINT, flat(0, "z^11 - 1/2"), claim(0.0, 2.0))
 
@@ -181,6 +184,10 @@ def test_where_sheets_touch_nothing_is_proven():
     line = jhd.ImplicitSurface.parse("(x - 1/3)^2 + z^2", [0, 0, -0.5], [1, 1, 0.5])
     with pytest.raises(jhd.NotProvenError, match="no change of sign of its polynomial was found"):
         certify(POINT, line, claim(0.0, 2.0))
+    # Nor can a point of the line prove a lower bound.
+    apart = dataclasses.replace(claim(0.5, 2.0), answer=jhd.ANSWERS.no)
+    with pytest.raises(jhd.NotProvenError, match="no point of these shapes is that far"):
+        certify(line, POINT, apart)
 
 
 @pytest.fixture(scope="module")

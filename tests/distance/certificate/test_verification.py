@@ -464,7 +464,9 @@ def test_the_checker_is_a_program_that_runs_by_itself(tmp_path):
     assert told[1:3] == told[4:6] == [f"  {name.upper()} has SHA-256 {digest(arch()[name])}" for name in "ab"]
     late = run(tmp_path, "--max-seconds", "1e-9", "good")
     assert late.returncode == 1 and " seconds or more; max_seconds is 1e-09" in late.stderr
-    assert run(tmp_path).returncode == run(tmp_path, "--max-seconds", "x", "good").returncode == 2
+    assert run(tmp_path, "good", "--max-seconds", "1e-9", "old").stderr.count("max_seconds is 1e-09") == 2
+    asked = [(), ("--max-seconds", "x", "good"), ("--max-seconds", "nan", "good")]
+    assert [run(tmp_path, *each).returncode for each in asked] == [2, 2, 2]
 
 
 def test_its_process_holds_nothing_of_the_package(tmp_path):

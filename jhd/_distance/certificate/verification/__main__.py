@@ -7,13 +7,13 @@ for it as an empty package with this folder only, so that nothing of the rest of
 """
 
 import sys
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
 _PLACE = "jhd._distance.certificate.verification"
-_USAGE = "usage: python verification [--shapes] [--max-seconds S] FILE..."
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -27,17 +27,17 @@ def main(arguments: Sequence[str]) -> int:
         verify,
     )
 
-    files, seconds = [name for name in arguments if name != "--shapes"], None
-    if files and files[0] == "--max-seconds":
-        seconds, files = _number(files[1:2]), files[2:]
-    if not files or (seconds is not None and not seconds > 0):
-        print(_USAGE, file=sys.stderr)
-        return 2
-    status = 0
-    for name in files:
+    parser = ArgumentParser("python verification", description="Check certificates and print what each proves.")
+    parser.add_argument("--shapes", action="store_true", help="hashes of the shapes in addition")
+    parser.add_argument("--max-seconds", type=float, metavar="S", help="time limit for each file (default: none)")
+    parser.add_argument("files", nargs="+", metavar="FILE", help="certificate")
+    options, status = parser.parse_intermixed_args(arguments), 0
+    if options.max_seconds is not None and not options.max_seconds > 0:
+        parser.error(f"--max-seconds is {options.max_seconds}; needs a positive number.")
+    for name in options.files:
         try:
             with opened(name) as content:
-                proven = verify(content, seconds)
+                proven = verify(content, options.max_seconds)
                 hashes = [digest(content[shape]) for shape in "ab"]
         except CertificateError as error:
             print(f"refused: {name}: {error}", file=sys.stderr)
@@ -48,17 +48,9 @@ def main(arguments: Sequence[str]) -> int:
             status = 2
         else:
             print(f"proven: {name}: {sentence(proven)}")
-            if "--shapes" in arguments:
+            if options.shapes:
                 print(*(f"  {shape} has SHA-256 {value}" for shape, value in zip("AB", hashes, strict=True)), sep="\n")
     return status
-
-
-def _number(texts: Sequence[str]) -> float:
-    """Return the number that was given; 0, which is refused, if there is none."""
-    try:
-        return float(texts[0])
-    except (IndexError, ValueError):
-        return 0.0
 
 
 def _make_place() -> None:
