@@ -30,8 +30,8 @@ from jhd._distance.certificate.cutting import Entry, Report, UncoveredError, one
 from jhd._distance.certificate.pair_multipliers import pair_multipliers
 from jhd._distance.certificate.sides import AbstractPieces
 from jhd._distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, whole_box
+from jhd._distance.certificate.verification.inequalities import failure_of_pair
 from jhd._distance.certificate.verification.pieces import ExactPiece
-from jhd._distance.certificate.verification.surface_proofs import failure_of_pair
 from jhd._distance.certificate.verification.zeros import ZeroSet
 
 # Points that tell how long a part is.

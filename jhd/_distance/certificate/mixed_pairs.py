@@ -23,8 +23,9 @@ from jhd._distance.certificate.sides import AbstractSide, ShapePlace
 from jhd._distance.certificate.subdivision import CellCover, cover_by_cells, far_places
 from jhd._distance.certificate.surface_cover import cover_with_surfaces
 from jhd._distance.certificate.surface_side import SurfaceSide
+from jhd._distance.certificate.verification.inequalities import is_hull_at_most
 from jhd._distance.certificate.verification.pieces import difference
-from jhd._distance.certificate.verification.proofs import as_piece, failure_at_most, failure_of_witness
+from jhd._distance.certificate.verification.proofs import as_piece, failure_of_witness
 from jhd._distance.certificate.verification.structure import KINDS
 from jhd._distance.search.bodies import diagonal_of
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
@@ -249,7 +250,7 @@ def _closest(sides: dict[str, AbstractSide], points: np.ndarray, upper: float) -
         if first is None or second is None:
             return None
         most = Fraction(upper) - first.near.reach - second.near.reach
-        if most >= 0 and failure_at_most([difference(first.near.point, second.near.point)], most, None) is None:
+        if most >= 0 and is_hull_at_most(difference(first.near.point, second.near.point), most):
             return {"a": first.entry, "b": second.entry}
         points = np.array([second.point, first.point])
     return None

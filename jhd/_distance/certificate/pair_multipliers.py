@@ -24,9 +24,9 @@ from jhd._distance.certificate.surface_multipliers import (
     on_sides,
     unit_of,
 )
+from jhd._distance.certificate.verification.inequalities import joined, slack_of
 from jhd._distance.certificate.verification.pieces import Part, difference
 from jhd._distance.certificate.verification.polynomials import BITS, elevated
-from jhd._distance.certificate.verification.surface_proofs import joined, slack_of
 from jhd._distance.certificate.verification.zeros import ZeroForm, negative, of_corners, times, value_on
 
 # Largest number of terms of a polynomial that is tried.

@@ -37,8 +37,8 @@ from jhd._distance.certificate.cutting import (
 from jhd._distance.certificate.multipliers import multipliers
 from jhd._distance.certificate.shape_side import NearFeet, ShapeSide
 from jhd._distance.certificate.verification.cells import MOST_CUTS
-from jhd._distance.certificate.verification.pieces import composed, difference, simplex_map
-from jhd._distance.certificate.verification.proofs import failure_at_most
+from jhd._distance.certificate.verification.inequalities import failure_of_cell
+from jhd._distance.certificate.verification.pieces import simplex_map
 from jhd._distance.certificate.verification.structure import MOST_FEET
 from jhd._distance.nearest.feet import equation_of, foot_speed
 from jhd._runtime.arrays import taken
@@ -357,17 +357,12 @@ def _checked(
     upper: float,
 ) -> Entry | None:
     """Return the entry of a cell with these maps; None if the exact check does not accept it."""
-    piece, corners = int(cells.piece[k]), source.cell_corners
-    feet = [_foot(each, k) for each in maps]
-    part = composed(source.exact[piece], simplex_map(source.exact[piece], corners, cells.x[k].tolist()))
-    apart = []
-    for foot in feet:
-        other = target.exact[foot["piece"]]
-        apart.append(difference(part, composed(other, simplex_map(other, corners, foot["map"], foot["weights"]))))
-    if failure_at_most(apart, upper, weights, _PARTS[len(maps)]) is not None:
-        return None
+    piece, feet = int(cells.piece[k]), [_foot(each, k) for each in maps]
+    cell = simplex_map(source.exact[piece], source.cell_corners, cells.x[k].tolist())
     name = cell_name(str(cells.name[k]), cells.x[k])
-    return {"piece": piece, "cell": name, "feet": feet, "multipliers": weights, "bound": upper}
+    entry: Entry = {"piece": piece, "cell": name, "feet": feet, "multipliers": weights, "bound": upper}
+    failed = failure_of_cell(source.exact[piece], cell, target.exact, (None, None), entry, _PARTS[len(maps)])
+    return entry if failed is None else None
 
 
 def _foot(maps: _Maps, k: int) -> Entry:

@@ -34,8 +34,8 @@ from jhd._distance.certificate.surface_multipliers import (
     tight_place,
 )
 from jhd._distance.certificate.verification.cells import MOST_CUTS
+from jhd._distance.certificate.verification.inequalities import failure_of_cell
 from jhd._distance.certificate.verification.pieces import composed, simplex_map
-from jhd._distance.certificate.verification.surface_proofs import failure_of_surface_cell
 
 # Parts into which an exact check may cut a cell here, and one that should need none.
 _PARTS, _FEW_PARTS = 120, 6
@@ -235,7 +235,7 @@ class _Tried:
             done["zero"] = [x * self.upper**2 * self.source.scale for x in found.here or [0.0]]
         zeros = self.source.zeros, self.target.zeros
         exact = self.source.exact[self.cell.piece]
-        failed = failure_of_surface_cell(exact, self.map, self.target.exact, zeros, done, parts)
+        failed = failure_of_cell(exact, self.map, self.target.exact, zeros, done, parts)
         return done if failed is None else None
 
     def _that_count(self, shares: np.ndarray, feet: list[FootMap]) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ The polynomial that must not be negative,
 
     sum_k (l_k P_k + m_k f_b) + m f_a
 
-as in `verification.surface_proofs`, is linear in all multipliers, which are affine in the cell and in the points along
+as in `verification.inequalities`, is linear in all multipliers, which are affine in the cell and in the points along
 the feet. If there is room, all of its Bernstein coefficients are made positive. If the bound is sharp, they cannot be:
 at points where all polynomials are zero it does not depend on their multipliers, and the one of these points at which
 the largest slack is smallest is tight. There the polynomial must have no slope. It is made convex by conditions on

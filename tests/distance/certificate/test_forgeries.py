@@ -16,8 +16,8 @@ COUNT = 60
 # What is left out, and the forgery that is then taken.
 LEFT_OUT = [
     (arch, (proofs, "failure_of_witness"), {"lower bound too high", "another witness"}),
-    (arch, (proofs, "failure_at_most"), {"upper bound too low", "foot too far", "shape moved away"}),
-    (between, (proofs, "failure_at_most"), {"upper bound too low", "multipliers of one foot"}),
+    (arch, (proofs, "failure_of_cell"), {"upper bound too low", "foot too far", "shape moved away"}),
+    (between, (proofs, "failure_of_cell"), {"upper bound too low", "multipliers of one foot"}),
     (facing, (proofs, "failure_of_plane"), {"lower bound too high", "plane turned"}),
 ]
 
@@ -71,13 +71,13 @@ def test_a_checker_that_leaves_the_cover_out_takes_some(forged, monkeypatch):
         return iter([(entry, place, None) for entry in entries])
 
     monkeypatch.setattr(proofs, "cover", as_they_come)
-    monkeypatch.setattr(proofs, "_failure_of_entry", lambda *_: None)
+    monkeypatch.setattr(proofs, "failure_of_cell", lambda *_: None)
     assert {"cells removed", "a cell twice"} <= {each.change for each in forged[square] if is_taken(each)}
 
 
 def test_a_checker_that_leaves_hashes_out_takes_some(forged, monkeypatch):
     # These certificates have no slack, so that other numbers are seen by the proofs too.
-    for part in ("failure_of_witness", "failure_at_most"):
+    for part in ("failure_of_witness", "failure_of_cell"):
         monkeypatch.setattr(proofs, part, lambda *_, **__: None)
     assert "number without its hash" not in {each.change for each in forged[arch] if is_taken(each)}
     monkeypatch.setattr(structure, "digest", lambda shape: shape.get("sha256"))

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from jhd._distance.certificate import verification
 from jhd._distance.certificate.verification import CertificateError, Proven, digest, verify
+from jhd._distance.certificate.verification.inequalities import slack_of
 from jhd._distance.certificate.verification.pieces import common_power, composed, difference, pieces_of, simplex_map
-from jhd._distance.certificate.verification.polynomials import failure, from_coefficients
-from jhd._distance.certificate.verification.proofs import squares_of
+from jhd._distance.certificate.verification.polynomials import combined, failure, from_coefficients
 from jhd._distance.certificate.verification.reading import lines_of
 from jhd._distance.certificate.verification.zeros import length_of
 from tests.distance import exact
@@ -402,14 +402,16 @@ def test_the_squared_distance_is_that_of_fractions(data, rational_a, rational_b,
     pieces = [pieces_of(curve)[0] for curve in (a, b)]
     maps = [simplex_map(pieces[0], 2, rows_of(pieces[0], [t0, t1]))]
     maps.append(simplex_map(pieces[1], 2, rows_of(pieces[1], sigma), weights if pieces[1].corners else None))
-    squares, weight_sq, _ = squares_of(difference(*(composed(x, to) for x, to in zip(pieces, maps, strict=True))))
+    apart = difference(*(composed(x, to) for x, to in zip(pieces, maps, strict=True)))
+    below, above = (slack_of(apart, bound).terms for bound in (0.0, 1.0))
+    weight_sq = combined(above, 1, below, -1)
     u = Fraction(data.draw(st.integers(0, 7)), 7)
     s = of_quadratic(sigma, u) / of_quadratic(weights or [1.0] * 3, u)
     points = [
         exact.point(curve["control_points"][0], None if curve["weights"] is None else curve["weights"][0], at)
         for curve, at in ((a, Fraction(t0) + u * (Fraction(t1) - Fraction(t0))), (b, s))
     ]
-    assert value(squares, u) / value(weight_sq, u) == sum((p - q) ** 2 for p, q in zip(*points, strict=True))
+    assert -value(below, u) / value(weight_sq, u) == sum((p - q) ** 2 for p, q in zip(*points, strict=True))
 
 
 @given(st.lists(st.integers(-3, 9), min_size=1, max_size=8))

@@ -7,12 +7,12 @@ point of b ("minimum"). Every number in it is a float, hence a rational m / 2^k,
 Points, curves, meshes and parametric surfaces have one form: pieces, which are polynomials (over a weight) on a point,
 an interval, a triangle or a square, in Bernstein form. The pieces of an implicit surface are six tetrahedra, its box;
 the surface is the zero set of its polynomial. Statements about it are proven with multipliers of the polynomial, and
-its points by a change of sign (`zeros`, `surface_proofs`).
+its points by a change of sign (`zeros`, `inequalities`).
 
 - The **upper bound** is proven by cells: simplices in the domains of the pieces of a, which cover them by construction
   (`cells`). Each cell names one or more foot points (a piece of b with a map of the cell into its domain) and a bound.
   For every u in the cell, one of the foot points is at most `bound` away. For several foot points this holds because a
-  combination of bound^2 - |a(u) - b(phi_k(u))|^2 with non-negative multipliers is not negative (`proofs`).
+  combination of bound^2 - |a(u) - b(phi_k(u))|^2 with non-negative multipliers is not negative (`inequalities`).
 - The **lower bound** is proven by a witness, a point of a: |P - b(v)|^2 - lower^2 >= 0 over all pieces of b.
 - A **minimum** is proven by a point of each shape, and by pairs of parts with a plane between them (`apart`).
 

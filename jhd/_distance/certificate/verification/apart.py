@@ -13,7 +13,7 @@ Pairs come in the order of the letters, so that the next one is known and nothin
 A plane with normal n keeps two parts a distance apart if n.x is at most m at all control points of one part and at
 least M at all control points of the other part, with M - m at least that distance times the length of n: the parts lie
 in the hulls of these points. A part of an implicit surface may also be free of zeros, or the distance may be proven for
-zeros only (`surface_proofs`).
+zeros only (`inequalities`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

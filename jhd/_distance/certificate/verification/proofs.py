@@ -1,11 +1,4 @@
-"""The proofs: that a cell is near its feet, and that the witness is far from the whole other shape.
-
-Over a cell the distance to the foot phi_k(u) is |e_k(u)| / w_k(u), two polynomials. One foot is enough if all Bernstein
-coefficients of e_k are at most `bound` times the coefficients of w_k, or if P_k = bound^2 w_k^2 - |e_k|^2 is not
-negative. Several feet are enough if sum l_k P_k is not negative for multipliers l_k whose Bernstein coefficients are
-not negative and not all zero: if one of the multipliers is positive at u, one of the P_k is not negative there. This
-holds everywhere except on sides of the cell, to which the bound extends because distances are continuous.
-"""
+"""The proofs: that all cells are near their feet (`inequalities`), and that the witness is far from the other shape."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,31 +9,23 @@ from typing import Any, NamedTuple
 
 from jhd._distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, pairs, whole_box
 from jhd._distance.certificate.verification.cells import cover
+from jhd._distance.certificate.verification.inequalities import (
+    failure_of_cell,
+    failure_of_pair,
+    is_hull_at_most,
+    slack_of,
+)
 from jhd._distance.certificate.verification.pieces import (
     ExactPiece,
-    Map,
     Part,
     box_map,
     common_power,
     composed,
     difference,
-    integers,
     pieces_of,
     simplex_map,
 )
-from jhd._distance.certificate.verification.polynomials import (
-    MOST_PARTS,
-    ON_PART,
-    Degree,
-    Polynomial,
-    combined,
-    elevated,
-    failure,
-    from_coefficients,
-    product,
-    square,
-    total,
-)
+from jhd._distance.certificate.verification.polynomials import ON_PART, failure
 from jhd._distance.certificate.verification.structure import (
     KINDS,
     CertificateError,
@@ -49,10 +34,9 @@ from jhd._distance.certificate.verification.structure import (
     check_entry,
     check_pair,
 )
-from jhd._distance.certificate.verification.surface_proofs import failure_of_pair, failure_of_surface_cell
 from jhd._distance.certificate.verification.values import UncheckedCertificateError
 from jhd._distance.certificate.verification.work import count_of, expected_seconds
-from jhd._distance.certificate.verification.zeros import NearZero, ZeroSet, is_free, place_of, zeros_of
+from jhd._distance.certificate.verification.zeros import NearZero, ZeroSet, is_free, negative, place_of, zeros_of
 
 # How bounds are written, the lower one and the upper one: rounded outward.
 _OUTWARD = [Context(prec=17, rounding=way) for way in (ROUND_FLOOR, ROUND_CEILING)]
@@ -141,7 +125,9 @@ def _check_maximum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
             deadline.check(name, count_of(entries))
             if entry["bound"] > claim["upper"]:
                 raise CertificateError(f"{name}.bound is {entry['bound']!r}, above the upper bound {claim['upper']!r}.")
-            failed = _failure_of_entry(source, cell, target, entry)
+            scaled = {**entry, "bound": Fraction(entry["bound"]) * source.unit}
+            zeros = source.zeros, target.zeros
+            failed = failure_of_cell(source.pieces[entry["piece"]], cell, target.pieces, zeros, scaled)
             if failed:
                 raise CertificateError(f"{name}: that the distance is at most {entry['bound']!r} {failed}.")
             count += 1
@@ -150,22 +136,14 @@ def _check_maximum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
     return count
 
 
-def _failure_of_entry(source: _CheckedSide, cell: Map, target: _CheckedSide, entry: Mapping[str, Any]) -> str | None:
-    piece = source.pieces[entry["piece"]]
-    if source.zeros is None and target.zeros is None:
-        return failure_of_cell(piece, cell, target.pieces, {**entry, "bound": Fraction(entry["bound"]) * source.unit})
-    return failure_of_surface_cell(piece, cell, target.pieces, (source.zeros, target.zeros), entry)
-
-
 def _check_minimum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
     """Prove all pairs of parts and the two points; return the number of pairs."""
     claim, witness = content["claim"], content["witness"]
     if witness is not None:
         p, q = (_near(sides[name], witness[name], f"witness.{name}") for name in ("a", "b"))
         most = Fraction(claim["upper"]) * sides["a"].unit - p.reach - q.reach
-        failed = "is false" if most < 0 else failure_at_most([difference(p.point, q.point)], most, None)
-        if failed:
-            raise CertificateError(f"witness: that the distance is at most {claim['upper']!r} {failed}.")
+        if most < 0 or not is_hull_at_most(difference(p.point, q.point), most):
+            raise CertificateError(f"witness: that the distance is at most {claim['upper']!r} is false.")
     if claim["lower"] > 0:
         a, b = (Ordered(sides[name].pieces, content["orders"][name]) for name in ("a", "b"))
         return _check_pairs("apart", content, (sides["a"], sides["b"]), (a, b), Fraction(claim["lower"]), deadline)
@@ -238,86 +216,6 @@ def sentence(proven: Proven) -> str:
     return f"{lower:g} <= {name}{upper}, {proven.cells} cell{'' if proven.cells == 1 else 's'}"
 
 
-# ---- from above ----------------------------------------------------------------------------------
-
-
-def failure_of_cell(
-    source: ExactPiece, cell: Map, targets: Sequence[ExactPiece], entry: Mapping[str, Any]
-) -> str | None:
-    """Return why the bound of a cell is not proven; None if it is.
-
-    Args:
-        source: the piece of the cell.
-        cell: the map of a simplex onto it.
-        targets: the pieces of the other shape.
-        entry: its feet, multipliers and bound, as stored in a certificate.
-    """
-    part, corners = composed(source, cell), len(cell.domain[0])
-    apart = [
-        difference(part, composed(targets[foot["piece"]], simplex_map(targets[foot["piece"]], corners, **_map(foot))))
-        for foot in entry["feet"]
-    ]
-    return failure_at_most(apart, entry["bound"], entry["multipliers"])
-
-
-def _map(foot: Mapping[str, Any]) -> dict[str, Any]:
-    return {"rows": foot["map"], "weights": foot["weights"]}
-
-
-def failure_at_most(
-    apart: Sequence[Part],
-    bound: float | Fraction,
-    multipliers: Sequence[Sequence[float]] | None,
-    parts: int = MOST_PARTS,
-) -> str | None:
-    """Return why it is not proven that everywhere one of the differences is at most `bound` long; None if it is.
-
-    Args:
-        apart: the differences on one simplex.
-        bound: the length.
-        multipliers: for each difference the Bernstein coefficients of its multiplier; None for one difference.
-        parts: largest number of parts of the simplex to try.
-    """
-    if any(is_hull_at_most(e, bound) for e in apart):
-        return None
-    domain, slacks = apart[0].domain, [slack(e, bound) for e in apart]
-    if multipliers is None:
-        return failure(slacks[0][0], domain, slacks[0][1], parts)
-    variables, products = domain[0], []
-    numbers, _ = integers(x for row in multipliers for x in row)
-    most_bits = max(e.bits for e in apart)
-    for e, (f, degree), row in zip(apart, slacks, multipliers, strict=True):
-        m = int(len(row) > 1)
-        # The slacks are squares of numbers with different powers of two.
-        factor = from_coefficients([numbers.pop(0) << 2 * (most_bits - e.bits) for _ in row], variables, m)
-        products.append((product(factor, f), (degree[0] + m,)))
-    most = max(degree for _, degree in products)
-    return failure(total([elevated(f, domain, degree, most) for f, degree in products]), domain, most, parts)
-
-
-def is_hull_at_most(e: Part, bound: float | Fraction) -> bool:
-    """Return whether all Bernstein coefficients of a difference, and so the difference, are at most `bound` long."""
-    top, whole = Fraction(bound).as_integer_ratio()
-    weight = elevated(e.weight, e.domain, e.weight_degree, e.degree)
-    return all(
-        whole * whole * sum(f.get(i, 0) ** 2 for f in e.coordinates) <= top * top * w * w for i, w in weight.items()
-    )
-
-
-def squares_of(e: Part) -> tuple[Polynomial, Polynomial, Degree]:
-    """Return |e|^2 and w^2 of a difference e / w, in one degree."""
-    doubled = tuple(2 * n for n in e.degree)
-    weights = elevated(square(e.weight), e.domain, tuple(2 * n for n in e.weight_degree), doubled)
-    return total([square(f) for f in e.coordinates]), weights, doubled
-
-
-def slack(e: Part, bound: float | Fraction) -> tuple[Polynomial, Degree]:
-    """Return bound^2 w^2 - |e|^2, times a square, and its degree."""
-    top, whole = Fraction(bound).as_integer_ratio()
-    squares, weights, degree = squares_of(e)
-    return combined(weights, top * top, squares, -whole * whole), degree
-
-
 # ---- from below ----------------------------------------------------------------------------------
 
 
@@ -370,5 +268,5 @@ def failure_of_witness(
     part = composed(piece, box_map(piece, box))
     still = (0,) * len(part.domain)
     apart = difference(Part(part.domain, point.coordinates, still, point.weight, still, point.bits), part)
-    f, degree = slack(apart, lower)
-    return failure({i: -c for i, c in f.items()}, apart.domain, degree)
+    form = negative(slack_of(apart, lower))
+    return failure(form.terms, apart.domain, form.degree)

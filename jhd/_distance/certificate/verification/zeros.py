@@ -68,14 +68,16 @@ def zeros_of(shape: Mapping[str, Any]) -> ZeroSet | None:
 # ---- forms ---------------------------------------------------------------------------------------
 
 
-def plus(x: ZeroForm, y: ZeroForm, domain: Domain) -> ZeroForm:
-    """Return the sum."""
-    degree = tuple(map(max, zip(x.degree, y.degree, strict=True)))
+def sum_of(forms: Sequence[ZeroForm], domain: Domain) -> ZeroForm:
+    """Return the sum, in the least common degree."""
+    degree = tuple(map(max, zip(*(f.degree for f in forms), strict=True)))
     if math.prod(math.comb(n + len(v) - 1, n) for n, v in zip(degree, domain, strict=True)) > _MOST_TERMS:
         raise CertificateError(f"a polynomial of degrees {degree} is too large to be checked.")
-    bits = max(x.bits, y.bits)
-    p, q = (elevated(f.terms, domain, f.degree, degree) for f in (x, y))
-    return ZeroForm(combined(p, 1 << (bits - x.bits), q, 1 << (bits - y.bits)), degree, bits)
+    bits = max(f.bits for f in forms)
+    found: Polynomial = {}
+    for f in forms:
+        found = combined(found, 1, elevated(f.terms, domain, f.degree, degree), 1 << (bits - f.bits))
+    return ZeroForm(found, degree, bits)
 
 
 def times(x: ZeroForm, y: ZeroForm) -> ZeroForm:

@@ -1,12 +1,15 @@
-"""The proofs about implicit surfaces: cells with feet on them, cells that hold them, and pairs of parts apart.
+"""The inequalities that prove that a cell is near its feet, and that two parts are apart.
 
-For a cell whose feet k have slacks P_k = bound^2 w_k^2 - |e_k|^2 it is proven that
+Over a cell the distance to the foot phi_k(u) is |e_k(u)| / w_k(u), two polynomials. One foot is enough if all Bernstein
+coefficients of e_k are at most `bound` times the coefficients of w_k. Otherwise, with the slacks
+P_k = bound^2 w_k^2 - |e_k|^2, it is proven that
 
     sum_k (l_k P_k + m_k f_b(q_k + s_k n_k)) + m f_a >= 0
 
-for multipliers l_k >= 0 and m_k, m of any sign: over the cell, and over s_k from -1 to 1 for each foot on a surface
-f_b. At a zero of f_a, and with the s_k for which q_k + s_k n_k are zeros of f_b, one of the feet is then within the
-bound.
+for multipliers l_k whose Bernstein coefficients are not negative and not all zero, and m_k, m of any sign: over the
+cell, and over s_k from -1 to 1 for each foot on a surface f_b. If one of the l_k is positive at u, a zero of a surface
+f_a, and with the s_k for which q_k + s_k n_k are zeros of f_b, one of the feet is then within the bound. This holds
+everywhere except on sides of the cell, to which the bound extends because distances are continuous.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +25,15 @@ from jhd._distance.certificate.verification.pieces import (
     difference,
     simplex_map,
 )
-from jhd._distance.certificate.verification.polynomials import MOST_PARTS, Domain, combined, elevated, square, total
+from jhd._distance.certificate.verification.polynomials import (
+    MOST_PARTS,
+    Domain,
+    combined,
+    elevated,
+    failure,
+    square,
+    total,
+)
 from jhd._distance.certificate.verification.zeros import (
     ZeroForm,
     ZeroSet,
@@ -31,8 +42,8 @@ from jhd._distance.certificate.verification.zeros import (
     is_in_box,
     negative,
     of_corners,
-    plus,
     shifted,
+    sum_of,
     times,
     tube_of,
     value_on,
@@ -49,7 +60,16 @@ def slack_of(e: Part, bound: float | Fraction) -> ZeroForm:
     return ZeroForm(combined(weights, top * top, squares, -whole * whole), degree, bits)
 
 
-def failure_of_surface_cell(
+def is_hull_at_most(e: Part, bound: float | Fraction) -> bool:
+    """Return whether all Bernstein coefficients of a difference, and so the difference, are at most `bound` long."""
+    top, whole = Fraction(bound).as_integer_ratio()
+    weight = elevated(e.weight, e.domain, e.weight_degree, e.degree)
+    return all(
+        whole * whole * sum(f.get(i, 0) ** 2 for f in e.coordinates) <= top * top * w * w for i, w in weight.items()
+    )
+
+
+def failure_of_cell(
     source: ExactPiece,
     cell: Map,
     targets: Sequence[ExactPiece],
@@ -64,7 +84,7 @@ def failure_of_surface_cell(
         cell: the map of a simplex onto it.
         targets: the pieces of the other shape.
         zeros: the polynomials of both shapes, None for shapes that are no surfaces.
-        entry: the cell as stored in a certificate.
+        entry: the feet, multipliers and bound of the cell, as stored in a certificate.
         parts: largest number of parts to try.
     """
     mine, other = zeros
@@ -75,12 +95,12 @@ def failure_of_surface_cell(
     count = len(feet) if other is not None else 0
     domain: Domain = (*cell.domain, *((corners + 2 * k, corners + 2 * k + 1) for k in range(count)))
     whole = extended(part, domain)
-    found = ZeroForm({}, (0,) * len(domain), 0)
+    apart: list[Part] = []
+    terms: list[ZeroForm] = []
     for k, foot in enumerate(feet):
-        factor = None if entry["multipliers"] is None else of_corners(entry["multipliers"][k], domain, [0])
         if other is None:
             to = simplex_map(targets[foot["piece"]], corners, foot["map"], foot["weights"])
-            there, zero = composed(targets[foot["piece"]], to), None
+            there = composed(targets[foot["piece"]], to)
         else:
             tube = tube_of(foot, domain, k + 1)
             if not is_in_box(other, foot):
@@ -90,15 +110,23 @@ def failure_of_surface_cell(
                 value = value if sign > 0 else negative(value)
                 if failure_in_space(value.terms, end.domain, value.degree, parts) is not None:
                     return f"is not proven: foot {k} has no change of sign"
-            there, zero = tube.places, times(of_corners(foot["zero"], domain, [0, k + 1]), value_on(other, tube.places))
-        slack = slack_of(difference(whole, extended(there, domain)), entry["bound"])
-        found = plus(found, slack if factor is None else times(factor, slack), domain)
-        found = found if zero is None else plus(found, zero, domain)
+            there = tube.places
+            terms.append(times(of_corners(foot["zero"], domain, [0, k + 1]), value_on(other, there)))
+        apart.append(difference(whole, extended(there, domain)))
+    is_plain, numbers = zeros == (None, None), entry["multipliers"]
+    if is_plain and any(is_hull_at_most(e, entry["bound"]) for e in apart):
+        return None
+    for k, e in enumerate(apart):
+        slack = slack_of(e, entry["bound"])
+        terms.append(slack if numbers is None else times(of_corners(numbers[k], domain, [0]), slack))
     if mine is not None:
         value = value_on(mine, part)
         value = value._replace(degree=value.degree + (0,) * count)
-        found = plus(found, times(of_corners(entry["zero"], domain, [0]), value), domain)
-    return failure_in_space(found.terms, domain, found.degree, parts)
+        terms.append(times(of_corners(entry["zero"], domain, [0]), value))
+    found = sum_of(terms, domain)
+    # Planes cost a search for the least value, which only surfaces need.
+    proof = failure if is_plain else failure_in_space
+    return proof(found.terms, domain, found.degree, parts)
 
 
 def joined(mine: Part, other: Part) -> tuple[Part, Part, Domain]:
@@ -127,11 +155,12 @@ def failure_of_pair(
         most_parts: largest number of parts to try.
     """
     mine, there, domain = joined(*parts)
-    found = negative(slack_of(difference(mine, there), bound))
+    terms = [negative(slack_of(difference(mine, there), bound))]
     count = len(parts[0].domain)
     simplices = [list(range(count)), list(range(count, len(domain)))]
     for k, (zero, part) in enumerate(zip(zeros, (mine, there), strict=True)):
         if zero is not None:
             factor = of_corners(numbers[k] or [0.0], domain, simplices[k])
-            found = plus(found, times(factor, value_on(zero, part)), domain)
+            terms.append(times(factor, value_on(zero, part)))
+    found = sum_of(terms, domain)
     return failure_in_space(found.terms, domain, found.degree, most_parts)
