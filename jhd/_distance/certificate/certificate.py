@@ -22,7 +22,7 @@ from jhd._distance.certificate.verification.proofs import NAMES, Proven
 from jhd._distance.certificate.verification.proofs import verify as checked
 from jhd._distance.certificate.verification.reading import lines_of
 from jhd._distance.certificate.verification.structure import FORMAT, VERSION, check_content, digest
-from jhd._distance.certificate.verification.surface_structure import LARGEST, LARGEST_IN_ALL
+from jhd._distance.certificate.verification.values import LARGEST, LARGEST_IN_ALL
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution
 from jhd._results.unproven import NotProvenError
 from jhd._runtime.arrays import is_traced

@@ -1,10 +1,11 @@
 """The proofs: that all cells are near their feet (`inequalities`), and that the witness is far from the other shape."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from fractions import Fraction
 from functools import partial
+from math import comb
 from typing import Any, NamedTuple
 
 from jhd._distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, pairs, whole_box
@@ -35,11 +36,12 @@ from jhd._distance.certificate.verification.structure import (
     check_pair,
 )
 from jhd._distance.certificate.verification.values import UncheckedCertificateError
-from jhd._distance.certificate.verification.work import count_of, expected_seconds
 from jhd._distance.certificate.verification.zeros import NearZero, ZeroSet, is_free, negative, place_of, zeros_of
 
 # How bounds are written, the lower one and the upper one: rounded outward.
 _OUTWARD = [Context(prec=17, rounding=way) for way in (ROUND_FLOOR, ROUND_CEILING)]
+# On a fast machine: seconds of a cell, and of a product of short numbers; how many bits take as long again.
+_CELL, _PRODUCT, _BITS = 3e-5, 3e-8, 200
 # How the distances are written.
 NAMES = {"directed": "h(A, B)", "two_sided": "H(A, B)", "minimum": "d(A, B)"}
 
@@ -270,3 +272,34 @@ def failure_of_witness(
     apart = difference(Part(part.domain, point.coordinates, still, point.weight, still, point.bits), part)
     form = negative(slack_of(apart, lower))
     return failure(form.terms, apart.domain, form.degree)
+
+
+# ---- time ----------------------------------------------------------------------------------------
+
+
+def count_of(cells: Any) -> int:
+    """Return the number of cells; 0 if it is not known before they are read."""
+    return len(cells) if isinstance(cells, Sized) else 0
+
+
+def expected_seconds(cells: Mapping[str, Any] | None, sizes: Mapping[str, ShapeSize]) -> float:
+    """Return a lower bound of the seconds that the cells of a largest distance take, from their number and degrees.
+
+    A cell has the difference of two shapes on a simplex, of one degree, and its square. Polynomials in k variables of
+    degree n have T = (n + k - 1 choose k - 1) terms; to compose one and to square one take about T^2 / 2 products for
+    each coordinate. If the cell is an interval, its ends have the digits of a float, and numbers have n times as many.
+    Halves of cells, further feet and multipliers take additional time.
+
+    Args:
+        cells: the cells of each direction.
+        sizes: the sizes of `a` and `b`.
+    """
+    found = [(name, count_of(rows)) for name, rows in (cells or {}).items() if name[0] in sizes and name[-1] in sizes]
+    return sum(count * _seconds_of_cell(sizes[name[0]], sizes[name[-1]]) for name, count in found)
+
+
+def _seconds_of_cell(source: ShapeSize, target: ShapeSize) -> float:
+    k, most = source.cell_corners, max(source.degree, target.degree)
+    terms = [comb(n + k - 1, k - 1) for n in (source.degree, target.degree, most)]
+    bits = 53 * (most if k == 2 else 1)
+    return _CELL + _PRODUCT * (1 + bits / _BITS) * source.dim * sum(n * n for n in terms) / 2

@@ -11,20 +11,18 @@ from os import PathLike
 from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any, NamedTuple
 
-from jhd._distance.certificate.verification.surface_structure import (
-    check_multiplier,
-    check_surface,
-    check_surface_foot,
-    check_surface_place,
-)
 from jhd._distance.certificate.verification.values import (
     CertificateError,
     check_index,
     check_keys,
     check_list,
+    check_multiplier,
     check_numbers,
     check_parameters,
     check_positive,
+    check_surface,
+    check_surface_foot,
+    check_surface_place,
 )
 
 FORMAT, VERSION = "jhd-certificate", 2
