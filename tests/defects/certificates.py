@@ -79,8 +79,8 @@ DEFECTS = [
             "test_what_is_wrong_is_named",
         ),
         (
-            "parts += [(reduced(half), rest, depth + 1) for half, rest in halves(f, split)]",
-            "parts += [(reduced(half), rest, depth + 1) for half, rest in halves(f, split)[:1]]",
+            "parts += [(reduced(half), rest, depth + 1) for half, rest in _halves(f, split)]",
+            "parts += [(reduced(half), rest, depth + 1) for half, rest in _halves(f, split)[:1]]",
             "test_both_halves_of_a_polynomial_are_looked_at",
         ),
     ),

@@ -19,8 +19,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any
 
-from jhd._distance.certificate.verification.convexity import cuts_of
 from jhd._distance.certificate.verification.pieces import ExactPiece, Map, simplex_map
+from jhd._distance.certificate.verification.polynomials import cuts_of
 from jhd._distance.certificate.verification.structure import CertificateError
 
 Triangle = tuple[tuple[float, ...], ...]

@@ -9,8 +9,6 @@ of the plane at the corners i_s is
     f(c) (1 - sum_s n_s) + sum_s f_(i_s)(c),   f_i the derivative in the coordinate i,
 
 since the sum of c_i f_i over a simplex is n_s f. The point c is found in floating point; everything else is exact.
-
-Source: bisection as in Maubach, Local bisection refinement for n-simplicial grids (1995).
 """
 
 from collections.abc import Sequence
@@ -21,11 +19,9 @@ from jhd._distance.certificate.verification.polynomials import (
     Degree,
     Domain,
     Polynomial,
-    Split,
     combined,
     elevated,
     failure,
-    half_of,
     variable,
 )
 
@@ -39,29 +35,9 @@ _MASK = (1 << BITS) - 1
 
 
 def failure_in_space(f: Polynomial, domain: Domain, degree: Degree, most_parts: int = MOST_PARTS) -> str | None:
-    """Call `failure` with planes as a further proof and cuts of the simplex that was cut least for its dimension."""
+    """Call `failure` with planes as a further proof."""
     is_proven = lambda part, depth: depth % _TRIED == 0 and is_above_a_plane(part, domain, degree)  # noqa: E731
-    return failure(f, domain, degree, most_parts, _halves, is_proven)
-
-
-def _halves(f: Polynomial, split: Split) -> list[tuple[Polynomial, Split]]:
-    """Return both halves after a cut of the simplex that was cut least for its dimension."""
-    sizes = [(cuts / (len(v) - 1) if len(v) > 1 else float("inf"), k) for k, (v, _, cuts) in enumerate(split)]
-    k = min(sizes)[1]
-    variables, n, cuts = split[k]
-    return [
-        (half_of(f, kept, moved, n), (*split[:k], (order, n, cuts + 1), *split[k + 1 :]))
-        for kept, moved, order in cuts_of(variables, cuts)
-    ]
-
-
-def cuts_of(order: tuple[int, ...], cuts: int) -> list[tuple[int, int, tuple[int, ...]]]:
-    """Return for each half of a simplex the corner that stays, the corner that the middle replaces, and the order."""
-    n = len(order) - 1
-    last = n - cuts % n
-    rest = order[last + 1 :]
-    first = (order[0], order[last], order)
-    return [first, (order[last], order[0], (*order[1 : last + 1], order[0], *rest))]
+    return failure(f, domain, degree, most_parts, is_proven)
 
 
 # ---- convexity -----------------------------------------------------------------------------------

@@ -130,7 +130,6 @@ def failure(
     domain: Domain,
     degree: Degree,
     most_parts: int = MOST_PARTS,
-    halves: Callable[[Polynomial, Split], list[tuple[Polynomial, Split]]] | None = None,
     is_proven: Callable[[Polynomial, int], bool] = lambda f, depth: False,
 ) -> str | None:
     """Return why a polynomial is not proven to be non-negative on its domain; None if it is.
@@ -140,15 +139,13 @@ def failure(
         domain: the variables of the simplices of the domain.
         degree: the degrees in these simplices.
         most_parts: largest number of parts to examine.
-        halves: cuts a part in two; by default at the newest corner of the simplices in turn.
         is_proven: another proof for a part with negative coefficients, called with the number of its cuts.
     """
     if min(f.values(), default=0) >= 0:
         return None
     most = _MOST_HALVINGS * sum(len(variables) - 1 for variables in domain)
     start: Split = tuple((variables, n, 0) for variables, n in zip(domain, degree, strict=True))
-    parts, halves = [(reduced(f), start, 0)], halves or _halves
-    on_part = ON_PART.get()
+    parts, on_part = [(reduced(f), start, 0)], ON_PART.get()
     for _ in range(most_parts):
         if on_part is not None:
             on_part()
@@ -159,7 +156,7 @@ def failure(
             if depth == most:
                 return f"is not proven in {most} halvings"
             if not is_proven(f, depth):
-                parts += [(reduced(half), rest, depth + 1) for half, rest in halves(f, split)]
+                parts += [(reduced(half), rest, depth + 1) for half, rest in _halves(f, split)]
         if not parts:
             return None
     return f"is not proven in {most_parts} parts"
@@ -171,17 +168,28 @@ def _corners(split: Split) -> list[int]:
 
 
 def _halves(f: Polynomial, split: Split) -> list[tuple[Polynomial, Split]]:
-    """Return both halves of a simplex cut between its first two corners, and the order of the next cuts.
+    """Return both halves after a cut of the simplex that was cut least for its dimension.
 
-    The middle replaces one of these corners, and becomes the last corner; the simplex that was cut moves behind the
-    others. This is bisection at the newest corner, which keeps triangles in shape. A single corner cannot be cut.
+    This keeps triangles and tetrahedra in shape. A single corner cannot be cut.
     """
-    k = next(k for k, (variables, *_) in enumerate(split) if len(variables) > 1)
-    (i, j, *others), n, cuts = split[k]
-    rest = (*split[:k], *split[k + 1 :])
+    sizes = [(cuts / (len(v) - 1) if len(v) > 1 else math.inf, k) for k, (v, _, cuts) in enumerate(split)]
+    k = min(sizes)[1]
+    variables, n, cuts = split[k]
     return [
-        (half_of(f, kept, moved, n), (*rest, ((*others, kept, moved), n, cuts + 1))) for kept, moved in ((i, j), (j, i))
+        (half_of(f, kept, moved, n), (*split[:k], (order, n, cuts + 1), *split[k + 1 :]))
+        for kept, moved, order in cuts_of(variables, cuts)
     ]
+
+
+def cuts_of(order: tuple[int, ...], cuts: int) -> list[tuple[int, int, tuple[int, ...]]]:
+    """Return for each half of a simplex the corner that stays, the corner that the middle replaces, and the order.
+
+    Source: Maubach, Local bisection refinement for n-simplicial grids (1995).
+    """
+    n = len(order) - 1
+    last = n - cuts % n
+    first = (order[0], order[last], order)
+    return [first, (order[last], order[0], (*order[1 : last + 1], order[0], *order[last + 1 :]))]
 
 
 def half_of(f: Polynomial, kept: int, moved: int, n: int) -> Polynomial:
