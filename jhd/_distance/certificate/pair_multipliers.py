@@ -6,6 +6,7 @@ and as second derivatives at points; the conditions on them are as in surface_mu
 """
 
 from collections.abc import Sequence
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from jhd._distance.certificate.surface_multipliers import (
 )
 from jhd._distance.certificate.verification.inequalities import joined, slack_of
 from jhd._distance.certificate.verification.pieces import Part, difference
-from jhd._distance.certificate.verification.polynomials import BITS, elevated
+from jhd._distance.certificate.verification.polynomials import elevated, powers_of
 from jhd._distance.certificate.verification.zeros import ZeroForm, negative, of_corners, times, value_on
 
 # Largest number of terms of a polynomial that is tried.
@@ -88,7 +89,7 @@ def _columns(forms: Sequence[ZeroForm], domain: Sequence[tuple[int, ...]]) -> Pa
     if len(codes) > _MOST_TERMS:
         return None
     count = 1 + max(map(max, domain))
-    powers = np.array([[(code >> (BITS * k)) & ((1 << BITS) - 1) for k in range(count)] for code in codes])
+    powers = np.array([powers_of(code, count) for code in codes])
     rows, sizes = [], []
     for form, found in zip(forms, terms, strict=True):
         size = max(map(abs, found.values()), default=1) or 1
@@ -135,7 +136,7 @@ def _convex(
     seconds = np.array([_second(powers, rows, place) for place in (z, *corners)])
     bends = np.einsum("ai,mijc,bj->mabc", steps, seconds, steps)
     sizes = unit_of(bends[..., :1])
-    slope = _first(powers, rows, z)
+    slope = np.array([_derivative(powers, rows, z, i) for i in range(count)])
     ends = np.array([end - z for end in corners])
     # Along the steps: the barycentric coordinates of all corners but the first.
     shares = np.array([[end[v] for variables in domain for v in variables[1:]] for end in ends])
@@ -145,26 +146,21 @@ def _convex(
     return convex(program, bends / (sizes[:, None] * sizes)[:, :, None])
 
 
-def _first(powers: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """First derivatives in all variables, (variables, columns)."""
-    found = []
-    for i in range(len(z)):
-        lower = powers - np.eye(len(z), dtype=int)[i]
-        values = np.where(lower[:, i] >= 0, powers[:, i] * np.prod(z ** np.maximum(lower, 0), axis=1), 0.0)
-        found.append(values @ rows)
-    return np.array(found)
+def _derivative(powers: np.ndarray, rows: np.ndarray, z: np.ndarray, *along: int) -> np.ndarray:
+    """Derivatives in some variables one after the other, (columns,)."""
+    factor, lower = np.ones(len(powers)), powers.copy()
+    for i in along:
+        factor *= lower[:, i]
+        lower[:, i] -= 1
+    return (factor * np.prod(z ** np.maximum(lower, 0), axis=1)) @ rows
 
 
 def _second(powers: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Second derivatives in all variables, (variables, variables, columns)."""
     count = len(z)
     found = np.zeros((count, count, rows.shape[1]))
-    for i in range(count):
-        for j in range(i + 1):
-            lower = powers - np.eye(count, dtype=int)[i] - np.eye(count, dtype=int)[j]
-            factor = powers[:, i] * (powers[:, i] - 1) if i == j else powers[:, i] * powers[:, j]
-            values = np.where(np.min(lower, axis=1) >= 0, factor * np.prod(z ** np.maximum(lower, 0), axis=1), 0.0)
-            found[i, j] = found[j, i] = values @ rows
+    for i, j in combinations_with_replacement(range(count), 2):
+        found[i, j] = found[j, i] = _derivative(powers, rows, z, i, j)
     return found
 
 
@@ -218,8 +214,7 @@ def _points(part: Part, shares: np.ndarray) -> np.ndarray:
     def values(f: dict[int, int]) -> np.ndarray:
         found = np.zeros(len(shares))
         for code, c in f.items():
-            powers = [(code >> (BITS * k)) & ((1 << BITS) - 1) for k in range(shares.shape[1])]
-            found += c / 2.0**part.bits * np.prod(shares**powers, axis=1)
+            found += c / 2.0**part.bits * np.prod(shares ** powers_of(code, shares.shape[1]), axis=1)
         return found
 
     weight = values(part.weight)

@@ -22,6 +22,7 @@ from jhd._distance.certificate.verification.polynomials import (
     combined,
     elevated,
     failure,
+    powers_of,
     variable,
 )
 
@@ -102,8 +103,8 @@ def _at(f: Polynomial, c: Sequence[int]) -> int:
     """Return the value at integer barycentric coordinates, without their powers of two."""
     found = 0
     for i, x in f.items():
-        for k, share in enumerate(c):
-            x *= share ** ((i >> (BITS * k)) & _MASK)
+        for share, n in zip(c, powers_of(i, len(c)), strict=True):
+            x *= share**n
         found += x
     return found
 
@@ -114,7 +115,7 @@ def _at(f: Polynomial, c: Sequence[int]) -> int:
 def _least(f: Polynomial, domain: Domain) -> list[int] | None:
     """Approximate minimizer in multiples of a power of two; None if no convex polynomial has its minimum there."""
     size, count = max(abs(x) for x in f.values()), 1 + max(map(max, domain))
-    rows = [([(i >> (BITS * k)) & _MASK for k in range(count)], x / size) for i, x in f.items()]
+    rows = [(powers_of(i, count), x / size) for i, x in f.items()]
     x = [0.0] * count
     for variables in domain:
         for v in variables:

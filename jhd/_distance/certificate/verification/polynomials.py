@@ -35,6 +35,11 @@ def variable(index: int) -> int:
     return 1 << (BITS * index)
 
 
+def powers_of(code: int, count: int) -> list[int]:
+    """Return the exponents of the first `count` variables, which are all in a term."""
+    return list(code.to_bytes(count, "little"))
+
+
 def product(f: Polynomial, g: Polynomial) -> Polynomial:
     """Return the product f g."""
     result: Polynomial = {}
