@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from jhd._distance.certificate.mixed_pairs import Report, asked_of, default_atol, prove_largest, prove_minimum
+from jhd._distance.certificate.mixed_pairs import Report, asked_of, prove_largest, prove_minimum
 from jhd._distance.certificate.sides import plain_shape
 from jhd._distance.certificate.verification.proofs import NAMES, Proven
 from jhd._distance.certificate.verification.proofs import verify as checked
 from jhd._distance.certificate.verification.reading import lines_of
 from jhd._distance.certificate.verification.structure import FORMAT, VERSION, check_content, digest
 from jhd._distance.certificate.verification.values import LARGEST, LARGEST_IN_ALL
+from jhd._distance.search.bodies import diagonal_of
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution
 from jhd._results.unproven import NotProvenError
 from jhd._runtime.arrays import is_traced
@@ -268,7 +269,7 @@ def _check_degrees(name: str, surface: ImplicitSurface) -> None:
 
 def _checked_slack(slack: object, a: Shape, b: Shape, sharp: bool) -> float:
     if slack is None:
-        return 0.0 if sharp else default_atol(a, b)
+        return 0.0 if sharp else 1e-9 * diagonal_of(a, b)
     if isinstance(slack, bool) or not isinstance(slack, int | float | np.number) or not 0 <= float(slack) < math.inf:
         raise ValueError(f"slack is {slack!r}; needs one number of at least 0.")
     return float(slack)

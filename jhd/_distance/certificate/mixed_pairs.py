@@ -27,15 +27,11 @@ from jhd._distance.certificate.verification.inequalities import is_hull_at_most
 from jhd._distance.certificate.verification.pieces import difference
 from jhd._distance.certificate.verification.proofs import as_piece, failure_of_witness
 from jhd._distance.certificate.verification.structure import KINDS
-from jhd._distance.search.bodies import diagonal_of
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 from jhd._runtime.decimals import lower_text, upper_text
 from jhd._shapes.as_shape import Shape
 from jhd._shapes.implicit import ImplicitSurface
 
-# How much wider than the solution's bounds the proven ones may be by default, as a fraction of the diagonal of the box
-# of both shapes.
-_SLACK = 1e-9
 # A point this much nearer than the lower bound, as a fraction of it, is not worth an exact check.
 _CLEARLY = 1e-9
 # Candidates next to implicit surfaces if none is known: samples, rounds of more around the farthest, and their number
@@ -49,23 +45,13 @@ _TURNS = 6
 Report = Callable[[str, int, int], None]
 
 
-def default_atol(a: Shape, b: Shape) -> float:
-    """A billionth of the diagonal of the box of both shapes."""
-    return _SLACK * diagonal_of(a, b)
-
-
-def _ends(a: Shape, b: Shape) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of the box of both shapes."""
-    both = np.array([shape.bounds for shape in (a, b)], float)
-    return both[:, 0].min(axis=0), both[:, 1].max(axis=0)
-
-
 def _sides(a: Shape, b: Shape, hints: np.ndarray) -> dict[str, AbstractSide]:
     """Return both shapes on the host; if one is an implicit surface, in the unit of their coordinates."""
     if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
         frame: tuple[int, np.ndarray | float] = 0, 0.0
     else:
-        low, high = _ends(a, b)
+        both = np.array([shape.bounds for shape in (a, b)], float)
+        low, high = both[:, 0].min(axis=0), both[:, 1].max(axis=0)
         size = max(float(np.max(0.5 * high - 0.5 * low)), 1e-300)
         frame = int(math.frexp(size)[1]), 0.5 * low + 0.5 * high
     return {
