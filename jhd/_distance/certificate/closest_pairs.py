@@ -136,11 +136,6 @@ class _PartPair(NamedTuple):
     bound: float | Fraction
 
     @property
-    def size(self) -> int:
-        """Number of pairs."""
-        return 1
-
-    @property
     def zeros(self) -> tuple[ZeroSet | None, ZeroSet | None]:
         """The polynomials of implicit surfaces."""
         return self.shapes[0].side.zeros, self.shapes[1].side.zeros

@@ -1,7 +1,7 @@
 """The loop that proves all parts of a shape or of a pair of shapes, and the halves of parts without a proof."""
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -35,25 +35,19 @@ class UncoveredError(Exception):
         return cls(f"no proof is found near piece {piece} at parameters {x.tolist()}: pass a larger slack.")
 
 
-@runtime_checkable
-class OpenPart(Protocol):
-    """One or more parts that are not proven yet."""
-
-    @property
-    def size(self) -> int:
-        """Number of parts."""
-        ...
-
-
-Open = TypeVar("Open", bound=OpenPart)
-
-
+# One or more parts that are not proven yet.
+Open = TypeVar("Open")
 # The entries that are proven in one step, and the open parts that are left of those taken.
 Step = tuple[list[Entry], list[Open]]
 
 
 def prove_all(
-    first: list[Open], step: Callable[[Open], Step[Open]], max_cells: int, report: Report, noun: str = "cells"
+    first: list[Open],
+    step: Callable[[Open], Step[Open]],
+    max_cells: int,
+    report: Report,
+    noun: str = "cells",
+    size: Callable[[Open], int] = lambda part: 1,
 ) -> list[Entry]:
     """Return the entries that prove all parts.
 
@@ -63,18 +57,19 @@ def prove_all(
         max_cells: largest number of entries before the attempt is given up.
         report: called after each step with the numbers of proven and of open parts.
         noun: what the parts are called in messages.
+        size: returns the number of parts in one of the list.
 
     Raises:
         UncoveredError: too many parts would be needed.
     """
     left, entries = first, []
-    waiting = sum(part.size for part in left)
+    waiting = sum(map(size, left))
     while left:
         taken = left.pop()
         proven, opened = step(taken)
         entries += proven
         left += opened
-        waiting += sum(part.size for part in opened) - taken.size
+        waiting += sum(map(size, opened)) - size(taken)
         if len(entries) + waiting > max_cells:
             raise UncoveredError(f"more than {max_cells} {noun} are needed: raise max_cells, or pass a larger slack.")
         report(len(entries), waiting)

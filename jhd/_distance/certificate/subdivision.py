@@ -89,11 +89,6 @@ class _Open(NamedTuple):
 
     take = taken
 
-    @property
-    def size(self) -> int:
-        """Number of cells."""
-        return len(self.piece)
-
 
 class _Maps(NamedTuple):
     """Maps of each cell: the piece of b, the parameters of feet, squared distances on the grid.
@@ -141,7 +136,7 @@ def cover_by_cells(source: ShapeSide, target: ShapeSide, upper: float, max_cells
             cells = _with_starts(cells, maps)
         return proven, [_parts(source, target, cells, limit, cuts)]
 
-    entries = prove_all([_first(source, target, limit)], step, max_cells, report)
+    entries = prove_all([_first(source, target, limit)], step, max_cells, report, size=lambda cells: len(cells.piece))
     return CellCover(in_order(entries), known.farthest())
 
 

@@ -58,7 +58,6 @@ class _SurfaceCell(NamedTuple):
     piece: int
     name: str
     x: np.ndarray
-    size: int = 1
 
 
 def cover_with_surfaces(
