@@ -34,7 +34,7 @@ def arch():
     there = [cell(0, t, 0, [[s] for s in sigma], bound=0.75) for t, sigma in halves]
     back = cell(0, [0, 1], 0, [[0], [1]], bound=0.75)
     shapes = curve([[[-1.0, 0.0], [-0.5, 1.0], [0.5, 1.0], [1.0, 0.0]]]), curve([[[-1.0, 0.0], [1.0, 0.0]]])
-    witness = {"direction": "a_to_b", "piece": 0, "at": [0.5], "cuts": [[0.0, 0.5, 1.0]]}
+    witness = {"direction": "a_to_b", "piece": 0, "at": [0.5], "cuts": None}
     return content("two_sided", (0.75, 0.75), shapes, {"a_to_b": there, "b_to_a": [back]}, witness)
 
 

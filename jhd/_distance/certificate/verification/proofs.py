@@ -234,13 +234,10 @@ def _check_witness(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
         return _check_pairs("witness", content, (mine, sides[other]), ordered, bound, deadline)
     for index, piece in enumerate(sides[other].pieces):
         deadline.check(f"witness and piece {index} of {other}")
-        cuts = [0.0, 1.0] if witness["cuts"] is None else witness["cuts"][index]
-        for first, last in zip(cuts[:-1], cuts[1:], strict=True):
-            failed = failure_of_witness(place.point, piece, bound, (first, last))
-            if failed:
-                where = f"from the witness to piece {index} of {other}"
-                where += "" if witness["cuts"] is None else f" between {first!r} and {last!r}"
-                raise CertificateError(f"witness: that the distance {where} is at least {lower!r} {failed}.")
+        failed = failure_of_witness(place.point, piece, bound)
+        if failed:
+            where = f"from the witness to piece {index} of {other}"
+            raise CertificateError(f"witness: that the distance {where} is at least {lower!r} {failed}.")
     return 0
 
 
@@ -255,19 +252,9 @@ def as_piece(point: Part) -> ExactPiece:
     return ExactPiece((), (), rows, (point.weight[0],), point.bits)
 
 
-def failure_of_witness(
-    point: Part, piece: ExactPiece, lower: float | Fraction, ends: tuple[float, float] = (0.0, 1.0)
-) -> str | None:
-    """Return why it is not proven that a point is at least `lower` away from a piece; None if it is.
-
-    Args:
-        point: the point.
-        piece: the piece.
-        lower: the bound.
-        ends: for an interval, the ends of the part that is meant.
-    """
-    box = [ends if count == 2 else whole for count, whole in zip(piece.corners, whole_box(piece.corners), strict=True)]
-    part = composed(piece, box_map(piece, box))
+def failure_of_witness(point: Part, piece: ExactPiece, lower: float | Fraction) -> str | None:
+    """Return why it is not proven that a point is at least `lower` away from a piece; None if it is."""
+    part = composed(piece, box_map(piece, whole_box(piece.corners)))
     still = (0,) * len(part.domain)
     apart = difference(Part(part.domain, point.coordinates, still, point.weight, still, point.bits), part)
     form = negative(slack_of(apart, lower))
