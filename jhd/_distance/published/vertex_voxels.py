@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jhd._fields.distance_transform import METHODS, distance_transform
-from jhd._runtime.arrays import is_traced, one_of
+from jhd._runtime.arrays import check_whole, is_traced, one_of
 from jhd._shapes.mesh import TriangleMesh, check_mesh, places_of
 from jhd._shapes.prepared import prepared
 from jhd._triangles.closest_point import (
@@ -37,19 +37,6 @@ _FINEST = 1 << 20
 _TOGETHER = 1 << 11
 
 
-class GridOptions(NamedTuple):
-    """Options of the grid; see VertexVoxels."""
-
-    # Voxels along each side of the cube; None for the least power of two with one vertex a voxel.
-    resolution: int | None
-    capacity: int  # most voxels of a grid
-    transform: str  # the method of `distance_transform`
-
-    def __call__(self, mesh: TriangleMesh) -> "VertexGrid":
-        """Return the grid of a mesh, when a prepared mesh needs it."""
-        return _built(mesh, self)
-
-
 class VertexGrid(NamedTuple):
     """Voxels of the cube around a mesh, each with the nearest one that holds a vertex."""
 
@@ -60,45 +47,6 @@ class VertexGrid(NamedTuple):
     starts: Int[np.ndarray, " ends"]  # start of each feature's triangles, and the end of the last
     # The triangles around the vertices in each feature, as sorted in the mesh's tree.
     triangles: Int[np.ndarray, " entries"]
-
-
-def local_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"], options: GridOptions) -> ClosestPoints:
-    """Return the nearest points that the local search finds, with lower bounds of 0.
-
-    Args:
-        mesh: the mesh; all numbers known.
-        points: finite, of the mesh's precision.
-        options: options of the grid, which is built, or found again.
-
-    Raises:
-        ValueError: a grid of more voxels than the capacity.
-    """
-    grid, tree = prepared(mesh)._part(options), triangle_tree(mesh)
-    with np.errstate(over="ignore"):
-        voxels = _voxels_of(grid, np.ldexp(points.astype(np.float64), -tree.exponent))
-    tree, scaled = in_unit_of(tree, points)
-    square, triangle = _searched(grid, tree, scaled, voxels)
-    t = barycentric_of(tree, scaled, triangle)
-    distance, number = np.sqrt(square), tree.order[triangle]
-    corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)[number]]
-    upper = distance.astype(np.float64) + tree.error(distance)
-    return ClosestPoints(
-        distance=np.ldexp(distance, tree.exponent),
-        lower=np.zeros_like(distance),
-        upper=outward(upper, tree.exponent, points.dtype, 1),
-        foot=np.ldexp(np.einsum("nk,nkd->nd", t, np.ldexp(corners, -tree.exponent)), tree.exponent),
-        triangle=number,
-        t=t,
-    )
-
-
-def resolution_of(mesh: TriangleMesh, options: GridOptions) -> int:
-    """Return the number of voxels along each side of the cube around a mesh.
-
-    Raises:
-        ValueError: more voxels in all than the capacity.
-    """
-    return _resolution(_cube(mesh, triangle_tree(mesh).exponent), options)
 
 
 class _Cube(NamedTuple):
@@ -119,36 +67,6 @@ def _cube(mesh: TriangleMesh, exponent: int) -> _Cube:
     side = float((vertices.max(axis=0) - lower).max()) or 1.0
     count = int(places_of(vertices).max()) + 1
     return _Cube(lower, side, (vertices - lower) / side, corners.reshape(-1, 3), count)
-
-
-def _built(mesh: TriangleMesh, options: GridOptions) -> VertexGrid:
-    tree = triangle_tree(mesh)
-    cube = _cube(mesh, tree.exponent)
-    n, count = _resolution(cube, options), mesh.count
-    names, feature = np.unique(_names(_places(cube.shares, n), n), return_inverse=True)
-    features = np.stack(np.unravel_index(names, (n, n, n)), axis=1)
-    # A triangle with several corners in a voxel is there once.
-    around = feature.reshape(-1)[cube.corners[tree.order]]
-    entries = np.unique(around * count + np.arange(count)[:, None])
-    starts = np.searchsorted(entries, np.arange(len(features) + 1) * count)
-    occupied = np.zeros((n, n, n), bool)
-    occupied.reshape(-1)[names] = True
-    nearest = np.asarray(distance_transform(occupied, method=options.transform).nearest)
-    numbers = np.cumsum(occupied, dtype=np.int32).reshape(n, n, n) - 1
-    numbers = numbers[tuple(np.moveaxis(nearest, -1, 0))]
-    return VertexGrid(cube.lower, cube.side, numbers, features, starts, entries % count)
-
-
-def _resolution(cube: _Cube, options: GridOptions) -> int:
-    n = options.resolution
-    if n is None:
-        n = next((1 << k for k in range(_FINEST.bit_length()) if _one_each(cube, 1 << k)), None)
-    if n is None or n**3 > options.capacity:
-        needed = f"more than {_FINEST}" if n is None else f"{n}"
-        asked = "at most one vertex a voxel needs" if options.resolution is None else "resolution asks for"
-        room = f"capacity is {options.capacity} voxels in all"
-        raise ValueError(f"{asked} {needed} voxels along each axis; {room}: give a lower resolution, or more capacity.")
-    return n
 
 
 def _one_each(cube: _Cube, n: int) -> bool:
@@ -245,10 +163,9 @@ class VertexVoxels(AbstractMeshSearch):
     transform: str = eqx.field(static=True, default="exact")
 
     def __check_init__(self) -> None:
-        for name, value in (("resolution", self.resolution), ("capacity", self.capacity)):
-            whole = isinstance(value, int) and not isinstance(value, bool) and value > 0
-            if not whole and not (name == "resolution" and value is None):
-                raise ValueError(f"{name} is {value!r}; needs a positive whole number.")
+        if self.resolution is not None:
+            check_whole("resolution", self.resolution, 1)
+        check_whole("capacity", self.capacity, 1)
         one_of("transform", self.transform, METHODS)
 
     def voxels(self, mesh: TriangleMesh) -> int:
@@ -267,7 +184,7 @@ class VertexVoxels(AbstractMeshSearch):
         check_mesh("mesh", mesh)
         if is_traced(mesh):
             raise TypeError("the number of voxels depends on the vertices; pass a concrete mesh, outside jit.")
-        return resolution_of(mesh, self._options())
+        return self._resolution(_cube(mesh, triangle_tree(mesh).exponent))
 
     def _search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
         """The nearest points that the search finds; called by `jhd.project`.
@@ -282,7 +199,49 @@ class VertexVoxels(AbstractMeshSearch):
         Raises:
             ValueError: a grid of more voxels than the capacity.
         """
-        return local_points(mesh, points, self._options())
+        # Methods of modules with equal fields are equal.
+        grid, tree = prepared(mesh)._part(self._grid), triangle_tree(mesh)
+        with np.errstate(over="ignore"):
+            voxels = _voxels_of(grid, np.ldexp(points.astype(np.float64), -tree.exponent))
+        tree, scaled = in_unit_of(tree, points)
+        square, triangle = _searched(grid, tree, scaled, voxels)
+        t = barycentric_of(tree, scaled, triangle)
+        distance, number = np.sqrt(square), tree.order[triangle]
+        corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)[number]]
+        upper = distance.astype(np.float64) + tree.error(distance)
+        return ClosestPoints(
+            distance=np.ldexp(distance, tree.exponent),
+            lower=np.zeros_like(distance),
+            upper=outward(upper, tree.exponent, points.dtype, 1),
+            foot=np.ldexp(np.einsum("nk,nkd->nd", t, np.ldexp(corners, -tree.exponent)), tree.exponent),
+            triangle=number,
+            t=t,
+        )
 
-    def _options(self) -> GridOptions:
-        return GridOptions(self.resolution, self.capacity, self.transform)
+    def _grid(self, mesh: TriangleMesh) -> VertexGrid:
+        tree = triangle_tree(mesh)
+        cube = _cube(mesh, tree.exponent)
+        n, count = self._resolution(cube), mesh.count
+        names, feature = np.unique(_names(_places(cube.shares, n), n), return_inverse=True)
+        features = np.stack(np.unravel_index(names, (n, n, n)), axis=1)
+        # A triangle with several corners in a voxel is there once.
+        around = feature.reshape(-1)[cube.corners[tree.order]]
+        entries = np.unique(around * count + np.arange(count)[:, None])
+        starts = np.searchsorted(entries, np.arange(len(features) + 1) * count)
+        occupied = np.zeros((n, n, n), bool)
+        occupied.reshape(-1)[names] = True
+        nearest = np.asarray(distance_transform(occupied, method=self.transform).nearest)
+        numbers = np.cumsum(occupied, dtype=np.int32).reshape(n, n, n) - 1
+        numbers = numbers[tuple(np.moveaxis(nearest, -1, 0))]
+        return VertexGrid(cube.lower, cube.side, numbers, features, starts, entries % count)
+
+    def _resolution(self, cube: _Cube) -> int:
+        n = self.resolution
+        if n is None:
+            n = next((1 << k for k in range(_FINEST.bit_length()) if _one_each(cube, 1 << k)), None)
+        if n is None or n**3 > self.capacity:
+            needed = f"more than {_FINEST}" if n is None else f"{n}"
+            asked = "at most one vertex a voxel needs" if self.resolution is None else "resolution asks for"
+            room = f"{needed} voxels along each axis; capacity is {self.capacity} voxels in all"
+            raise ValueError(f"{asked} {room}: give a lower resolution, or more capacity.")
+        return n

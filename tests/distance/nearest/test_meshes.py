@@ -146,9 +146,9 @@ def test_the_local_search_is_refused_on_curves_under_jit_and_with_options_out_of
         project(QUERIES, TriangleMesh(VERTICES, TRIANGLES), VertexVoxels(300))
     with pytest.raises(TypeError, match="pass a concrete mesh"):
         jax.jit(lambda x: VertexVoxels().voxels(TriangleMesh(x, TRIANGLES)))(VERTICES)
-    with pytest.raises(ValueError, match="resolution is 0; needs a positive whole number"):
+    with pytest.raises(ValueError, match="resolution is 0; needs a whole number of at least 1"):
         VertexVoxels(0)
-    with pytest.raises(ValueError, match="capacity is -1; needs a positive whole number"):
+    with pytest.raises(ValueError, match="capacity is -1; needs a whole number of at least 1"):
         VertexVoxels(capacity=-1)
     with pytest.raises(ValueError, match="transform is 'chamfer'; needs one of 'exact', 'vector_propagation'"):
         VertexVoxels(transform="chamfer")

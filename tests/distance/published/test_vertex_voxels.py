@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd._distance.published.vertex_voxels import GridOptions, local_points, resolution_of
 from jhd._shapes.mesh import TriangleMesh
+from jhd._shapes.prepared import prepared
 from jhd._triangles.closest_point import closest_points, triangle_tree
+from jhd.published import VertexVoxels
 from tests.sweeps import swept
 from tests.triangles.exact_triangles import exact_distance_sq, hard_triangles
 from tests.triangles.test_closest_point import soup, sphere
 
-ROOM = 1 << 24
-EXACT = GridOptions(None, ROOM, "exact")
 # Computed distances are off by rounding, as a share of the largest coordinate.
 ROUNDING = 1e-14
 
@@ -49,7 +48,7 @@ def test_distances_are_those_of_the_triangles_around_all_equally_near_features(r
     points = rng.uniform(-1, 1, (40, 3)) * [1.5, 1, 1]
     # Of the middle there are many nearest features.
     points[0] = 0.01
-    found = local_points(mesh, points, EXACT._replace(resolution=resolution))
+    found = VertexVoxels(resolution)._search(points, mesh)
     np.testing.assert_allclose(found.distance, as_published(mesh, points, resolution), rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(np.linalg.norm(points - found.foot, axis=1), found.distance, rtol=0, atol=ROUNDING)
     exact = closest_points(mesh, points).distance
@@ -62,7 +61,7 @@ def test_a_large_triangle_whose_vertices_are_far_is_missed():
     # Above the middle of a large triangle there is a small one: its vertices are nearest, and it is not.
     large, small = [[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]], [[0.0, 0, 3], [0.5, 0, 3], [0, 0.5, 3]]
     mesh, points = soup(np.array([large, small])), np.array([[0.0, 0, 1], [0, 0, 2.5], [8, -8, 1]])
-    found = local_points(mesh, points, EXACT)
+    found = VertexVoxels()._search(points, mesh)
     np.testing.assert_allclose(found.distance, [2.0, 0.5, 1.0], atol=ROUNDING)
     np.testing.assert_allclose(closest_points(mesh, points).distance, [1.0, 0.5, 1.0], atol=ROUNDING)
     assert found.triangle.tolist() == [1, 1, 0]
@@ -73,7 +72,7 @@ def test_upper_bounds_hold_on_slivers_and_points_in_any_unit_and_nothing_is_clai
     rng = np.random.default_rng(4)
     mesh = soup(hard_triangles(rng, 24) * scale)
     points = rng.normal(size=(20, 3)) * 10.0 ** rng.uniform(-2, 3, (20, 1)) * scale
-    found = local_points(mesh, points, EXACT._replace(resolution=16))
+    found = VertexVoxels(16)._search(points, mesh)
     corners = np.asarray(mesh.corners)
     for k, point in enumerate(points):
         triangle = corners[found.triangle[k], None]
@@ -87,17 +86,19 @@ def test_the_resolution_is_the_least_power_of_two_that_parts_the_vertices_and_se
     triangles = np.array([[0, 4, 2], [4, 1, 3], [0, 4, 3]])
     mesh = TriangleMesh(box, triangles)
     # 0 and 0.3 share half of the cube, and not a quarter.
-    assert EXACT(mesh).nearest.shape == (4, 4, 4) and resolution_of(mesh, EXACT) == 4
+    assert VertexVoxels()._grid(mesh).nearest.shape == (4, 4, 4) and VertexVoxels().voxels(mesh) == 4
     apart = TriangleMesh(np.array(box)[triangles].reshape(-1, 3), np.arange(9).reshape(-1, 3))
-    assert EXACT(apart).nearest.shape == (4, 4, 4)
+    assert VertexVoxels()._grid(apart).nearest.shape == (4, 4, 4)
     # A vertex of no triangle is no part of the surface.
     more = TriangleMesh([*box, [0.31, 0, 0], [99, 0, 0]], triangles)
-    assert EXACT(more).nearest.shape == (4, 4, 4)
+    assert VertexVoxels()._grid(more).nearest.shape == (4, 4, 4)
 
 
 def test_the_triangles_of_a_feature_are_those_with_a_corner_in_it_each_once():
     mesh = sphere(120)
-    grid = EXACT._replace(resolution=4)(mesh)
+    # It is kept with the mesh.
+    grid, again = (prepared(mesh)._part(VertexVoxels(4)._grid) for _ in range(2))
+    assert grid is again
     cells = voxels_of(mesh, np.asarray(mesh.corners), 4)
     for k, feature in enumerate(grid.features):
         inside = np.flatnonzero(np.any(np.all(cells == feature, axis=2), axis=1))
@@ -108,7 +109,7 @@ def test_the_triangles_of_a_feature_are_those_with_a_corner_in_it_each_once():
 def test_where_the_published_transform_names_a_farther_feature_those_at_its_distance_are_taken():
     # With every vector right or too long, distances are those of real triangles, and rarely differ.
     mesh, points = sphere(400), np.random.default_rng(2).uniform(-1, 1, (60, 3))
-    near, far = (local_points(mesh, points, GridOptions(16, ROOM, name)) for name in ("exact", "vector_propagation"))
+    near, far = (VertexVoxels(16, transform=name)._search(points, mesh) for name in ("exact", "vector_propagation"))
     assert np.all(far.distance >= closest_points(mesh, points).distance - ROUNDING)
     assert np.count_nonzero(np.abs(far.distance - near.distance) > ROUNDING) <= 3
 
@@ -117,22 +118,22 @@ def test_vertices_that_are_too_close_for_the_capacity_are_refused_with_what_woul
     points = np.zeros((1, 3))
     near = soup(np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1e-3, 0]]]))
     with pytest.raises(ValueError, match="one vertex a voxel needs 1024 voxels along each axis; capacity is 16777216"):
-        local_points(near, points, EXACT)
+        VertexVoxels()._search(points, near)
     nearer = soup(np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1e-9, 0]]]))
     with pytest.raises(ValueError, match=r"needs more than 1048576 voxels .*: give a lower resolution, or more cap"):
-        local_points(nearer, points, EXACT)
-    assert local_points(nearer, points, EXACT._replace(resolution=8)).distance[0] == 0.0
+        VertexVoxels()._search(points, nearer)
+    assert VertexVoxels(8)._search(points, nearer).distance[0] == 0.0
 
 
 def test_a_mesh_at_one_place_is_one_voxel():
-    found = local_points(soup(np.ones((1, 3, 3))), np.zeros((1, 3)), EXACT)
+    found = VertexVoxels()._search(np.zeros((1, 3)), soup(np.ones((1, 3, 3))))
     np.testing.assert_allclose(found.distance, np.sqrt(3), rtol=ROUNDING)
 
 
 @pytest.mark.slow
 def test_algorithm_1_as_published_splits_the_cube_about_the_mesh_by_local_distances_and_averaged_signs():
     """The leaves are those of the printed recursion, and their values those of the local search."""
-    mesh, atol, method, depth = sphere(120), 0.1, jhd.published.VertexVoxels(8), 3
+    mesh, atol, method, depth = sphere(120), 0.1, VertexVoxels(8), 3
     field = jhd.AdaptiveDistanceField.build(mesh, atol, "full", method=method, max_depth=depth)
     # Distances of the local search jump, so somewhere no cell is small enough.
     assert field.sign == "average" and field.unresolved > 0
