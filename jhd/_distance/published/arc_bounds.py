@@ -107,7 +107,8 @@ def _apex(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
     return 0.5 * (start + end) - 1j * (end - start) * (bulge / ((1 - bulge) * (1 + bulge)))
 
 
-def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the cross product of complex numbers as vectors."""
     return np.imag(x.conj() * y)
 
 
@@ -115,7 +116,7 @@ def _in_wedge(arcs: Arcs, offset: np.ndarray) -> np.ndarray:
     """Return whether offsets from the centers point into the wedges of the arcs, or next to them; true for 0."""
     first, last = arcs.start - arcs.center, arcs.end - arcs.center
     least = -_ABOUT * arcs.radius * np.abs(offset)
-    return (arcs.turn * _cross(first, offset) >= least) & (arcs.turn * _cross(offset, last) >= least)
+    return (arcs.turn * cross(first, offset) >= least) & (arcs.turn * cross(offset, last) >= least)
 
 
 def _largest(arcs: Arcs, point: np.ndarray) -> np.ndarray:
@@ -126,7 +127,10 @@ def _largest(arcs: Arcs, point: np.ndarray) -> np.ndarray:
 
 
 def _smallest(arcs: Arcs, point: np.ndarray) -> np.ndarray:
-    """Smallest distance of the points of each arc from a point."""
+    """Smallest distance of the points of each arc from a point, up to gamma(200) (1 + radius).
+
+    A point that only rounding or `_ABOUT` puts into the wedge gets less than its distance.
+    """
     between = point - arcs.center
     low = np.minimum(np.abs(arcs.start - point), np.abs(arcs.end - point))
     return np.where(_in_wedge(arcs, between), np.minimum(low, np.abs(np.abs(between) - arcs.radius)), low)
@@ -152,7 +156,7 @@ def arc_reach(d: Arcs, c: Arcs) -> np.ndarray:
     inside = c.radius > 0
     for x in (d.start, d.end, d.apex):
         offset = x - c.center
-        inside &= (c.turn * _cross(first, offset) >= 0) & (c.turn * _cross(offset, last) >= 0)
+        inside &= (c.turn * cross(first, offset) >= 0) & (c.turn * cross(offset, last) >= 0)
     rows = np.flatnonzero(inside)
     e, f = d.take(rows), c.take(rows)
     radial = np.maximum(_largest(e, f.center) - f.radius, f.radius - _smallest(e, f.center))
@@ -184,7 +188,7 @@ class ArcTarget:
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Return distances of points to arcs, for ranking."""
         beside = self.near(x, _TRIED)[1]
-        return _smallest_of(self.arcs.take(beside.T), x).min(axis=0)
+        return _smallest(self.arcs.take(beside.T), x).min(axis=0)
 
     def reach(self, d: Arcs) -> np.ndarray:
         """Bound the distance to b for the piece of each arc of a, by some arcs near its ends and its middle."""
@@ -223,7 +227,7 @@ class ArcTarget:
         slack = gamma(200, np.float64) * (2 + self.arcs.radius) + self.arcs.deviation
         for start in range(0, len(center), step):
             rows = slice(start, start + step)
-            met = _smallest_of(self.arcs, center[rows, None]) <= radius[rows, None] + slack
+            met = _smallest(self.arcs, center[rows, None]) <= radius[rows, None] + slack
             disc, arc = np.nonzero(met)
             discs.append(start + disc)
             arcs.append(arc)
@@ -232,13 +236,3 @@ class ArcTarget:
 
 def _plane(x: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(x).view(np.float64).reshape(-1, 2)
-
-
-def _smallest_of(arcs: Arcs, x: np.ndarray) -> np.ndarray:
-    """Return distances of points to the arcs themselves, up to gamma(200) (1 + radius).
-
-    A point that only rounding or `_ABOUT` puts into the wedge gets less than its distance.
-    """
-    offset = x - arcs.center
-    ends = np.minimum(np.abs(x - arcs.start), np.abs(x - arcs.end))
-    return np.where(_in_wedge(arcs, offset), np.abs(np.abs(offset) - arcs.radius), ends)

@@ -45,7 +45,7 @@ def measure(pair: HostPair, segment: np.ndarray, t: np.ndarray) -> tuple[np.ndar
     values = []
     for start in range(0, len(points), _MEASURED):
         index = np.minimum(np.arange(start, start + _MEASURED), len(points) - 1)
-        values.append(np.stack(_nearest_all(points[index].astype(b.control_points.dtype), b, pair.skip)))
+        values.append(np.stack(_nearest_all(points[index].astype(b.control_points.dtype), b, pair.second.skip)))
     distance, lower = np.concatenate(values, axis=1)[:, : len(points)] if values else np.zeros((2, 0))
     return distance, lower
 
@@ -57,11 +57,7 @@ def farthest(pair: HostPair, candidates: Candidates, best: Measured | None) -> M
         rows = order[start : start + _MEASURED]
         if best is not None and candidates.bound[rows[0]] <= best.distance:
             break
-        segment, t = candidates.segment[rows], candidates.t[rows]
-        distance, lower = measure(pair, segment, t)
-        k = int(np.argmax(distance))
-        if best is None or distance[k] > best.distance:
-            best = Measured(float(distance[k]), float(lower[k]), int(segment[k]), float(t[k]))
+        best = measured(pair, candidates.segment[rows], candidates.t[rows], best)
     return best
 
 
@@ -108,8 +104,8 @@ def _described(a: BezierSegments, b: BezierSegments, segment: Array, t: Array, s
 
 def _describe(pair: HostPair, segment: int, t: float) -> tuple[Any, ...]:
     a, b = pair.stored
-    place = np.asarray(pair.index[segment]), np.asarray(t, a.control_points.dtype)
-    return _described(a, b, *place, pair.skip)
+    place = np.asarray(pair.first.index[segment]), np.asarray(t, a.control_points.dtype)
+    return _described(a, b, *place, pair.second.skip)
 
 
 def best_of(

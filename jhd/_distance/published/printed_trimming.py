@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd._distance.normalization.jets import polynomial_jet
-from jhd._distance.published.arc_bounds import Arcs
+from jhd._distance.published.arc_bounds import Arcs, cross
 from jhd._distance.published.events.forms import Curve
 from jhd._distance.published.events.host_pair import HostPair, HostSide
 from jhd._distance.published.events.survivors import EventPieces, SurvivingFeet, event_pieces
@@ -72,8 +72,8 @@ def within_offset_unsafe(d: Arcs, c: Arcs, limit: float, eps1: float) -> np.ndar
     """
     points = np.stack([d.start, d.apex, d.end])
     offset = points - c.center
-    before = c.turn * _cross(c.start - c.center, offset) < 0
-    beyond = c.turn * _cross(offset, c.end - c.center) < 0
+    before = c.turn * cross(c.start - c.center, offset) < 0
+    beyond = c.turn * cross(offset, c.end - c.center) < 0
     outside = before | beyond
     cosine = (1 - d.bulge) * (1 + d.bulge) / (1 + d.bulge**2)
     radial = np.abs(np.abs(offset) - c.radius).max(axis=0) < limit * cosine - eps1
@@ -83,10 +83,6 @@ def within_offset_unsafe(d: Arcs, c: Arcs, limit: float, eps1: float) -> np.ndar
     end = np.where(at_start, c.start, c.end)
     near = np.abs(points - end).max(axis=0) < limit - eps1
     return np.where(outside.any(axis=0), near, radial)
-
-
-def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return np.imag(x.conj() * y)
 
 
 def _moving(arcs: Arcs, side: HostSide) -> Arcs:

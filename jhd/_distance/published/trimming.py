@@ -21,6 +21,7 @@ from typing_extensions import override
 
 from jhd._distance.normalization.coordinates import Frame
 from jhd._distance.normalization.curves import evaluation_error
+from jhd._distance.normalization.jets import polynomial_jet
 from jhd._distance.normalization.method import AbstractHostMethod
 from jhd._distance.normalization.stopping import Aim
 from jhd._distance.published.algebraic import final_size
@@ -226,7 +227,7 @@ class Trimmed(NamedTuple):
 
 def upper_bound(pair: HostPair, left: Trimmed) -> float:
     """Bound the distance from a to b: by the bound of the pieces, and the distances of isolated points to ends of b."""
-    single = near_ends(pair.a.points[0, :, pair.isolated], pair.b)
+    single = near_ends(pair.a.points[0, :, pair.first.isolated], pair.b)
     return max(left.upper, float(np.max(single, initial=0.0)) + evaluation_error(*pair.stored))
 
 
@@ -285,7 +286,8 @@ def _first_sample(pair: HostPair) -> float:
     """Return the largest distance of some points spread over a."""
     count = pair.a.moving
     if not count:
-        return measured(pair, pair.isolated[:_SAMPLES], np.zeros(min(len(pair.isolated), _SAMPLES)), None).distance
+        points = pair.first.isolated[:_SAMPLES]
+        return measured(pair, points, np.zeros(len(points)), None).distance
     place = np.linspace(0, count, _SAMPLES)
     segment = np.minimum(place.astype(int), count - 1)
     return measured(pair, segment, place - segment, None).distance
@@ -304,7 +306,7 @@ def _best_place(points: np.ndarray, target: ArcTarget, d: Arcs, upper: np.ndarra
     width = np.repeat((d.t1 - d.t0)[rows] / (_PLACES - 1), _PLACES)
     found: list[tuple[np.ndarray, np.ndarray]] = []
     for _ in range(_ROUNDS):
-        x = _points_at(points[:, segment], t)
+        x = np.asarray(polynomial_jet(points[:, segment], t).point)
         distance = target.distance(x)
         order = np.argsort(-distance)[:_KEPT]
         found.append((segment[order], t[order]))
@@ -318,12 +320,6 @@ def _best_place(points: np.ndarray, target: ArcTarget, d: Arcs, upper: np.ndarra
         width = np.repeat(width[k] * 2 / (2 * _PLACES - 1), 2 * _PLACES)
     segments, parameters = zip(*found, strict=True)
     return np.concatenate(segments), np.concatenate(parameters)
-
-
-def _points_at(points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    while len(points) > 1:
-        points = (1 - t) * points[:-1] + t * points[1:]
-    return points[0]
 
 
 def _feet(pair: HostPair, pieces: EventPieces, target: ArcTarget) -> SurvivingFeet:

@@ -61,7 +61,7 @@ def check_kept(witness, pair, left):
     """Whether the place is in a piece whose parts of b hold the feet; places and feet may be ends of segments."""
     segment, t = int(witness.element), float(witness.t)
     pieces, feet = left.pieces, left.feet
-    kept = (pair.index[pieces.segment] == segment) & around(pieces.side, t)
+    kept = (pair.first.index[pieces.segment] == segment) & around(pieces.side, t)
     assert kept.any() or min(t, 1 - t) < 1e-9
     for foot, s in zip(np.asarray(witness.feet_elements), np.asarray(witness.feet_params), strict=True):
         at = pair.second.index[feet.segment] == foot

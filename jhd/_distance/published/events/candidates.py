@@ -64,7 +64,7 @@ def candidate_events(
         stretches.append(_distances(a, b, found))
     segment, t, bound = ([part[k] for part in parts] for k in range(3))
     # A maximum at an end of a segment is at an end of a piece, unless it was trimmed.
-    start = np.append(pieces.segment[pieces.side[0] == 0], pair.isolated)
+    start = np.append(pieces.segment[pieces.side[0] == 0], pair.first.isolated)
     stop = pieces.segment[pieces.side[1] == 1]
     end_points = np.concatenate([a.points[0, :, start], a.points[-1, :, stop]])
     candidates = Candidates(

@@ -44,8 +44,9 @@ class HostSide(NamedTuple):
     @classmethod
     def of(cls, curve: BezierSegments) -> "HostSide":
         """Build from the common coordinates; repeated segments are left out."""
-        stored = trusted(np.asarray(curve.control_points), None, np.asarray(curve.next_segment))
-        skip = _repeated(stored)
+        points = np.asarray(curve.control_points)
+        stored = trusted(points, None, np.asarray(curve.next_segment))
+        skip = np.concatenate([[False], np.all(points[1:] == points[:-1], axis=(1, 2))])
         made, index = _curve(stored, ~skip)
         return cls(made, index, np.flatnonzero(index >= 0)[made.moving :], stored, skip)
 
@@ -76,29 +77,9 @@ class HostPair(NamedTuple):
         return self.second.curve
 
     @property
-    def index(self) -> np.ndarray:
-        """For each segment and isolated point of a the stored segment."""
-        return self.first.index
-
-    @property
-    def isolated(self) -> np.ndarray:
-        """Indices of the segments of a that are isolated points."""
-        return self.first.isolated
-
-    @property
     def stored(self) -> tuple[BezierSegments, BezierSegments]:
         """Both curves in common coordinates."""
         return self.first.stored, self.second.stored
-
-    @property
-    def skip(self) -> np.ndarray:
-        """Whether each stored segment of b repeats another."""
-        return self.second.skip
-
-
-def _repeated(curve: BezierSegments) -> np.ndarray:
-    points = np.asarray(curve.control_points)
-    return np.concatenate([[False], np.all(points[1:] == points[:-1], axis=(1, 2))])
 
 
 def _curve(curve: BezierSegments, kept: np.ndarray) -> tuple[Curve, np.ndarray]:
