@@ -2,7 +2,7 @@
 
 The polynomial that must not be negative, |x - y|^2 - bound^2 + m f_a(x) + n f_b(y), is linear in the numbers of the
 multipliers, one for each corner of a part. Its columns are taken from the exact polynomials, as Bernstein coefficients
-and as second derivatives at points; the conditions on them are as in surface_multipliers.
+and as second derivatives at points; the conditions on them are as in multipliers.
 """
 
 from collections.abc import Sequence
@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd._distance.certificate.sides import AbstractPieces
-from jhd._distance.certificate.surface_multipliers import (
+from jhd._distance.certificate.multipliers import (
     COST,
     KEPT,
     LARGEST,
@@ -25,6 +24,7 @@ from jhd._distance.certificate.surface_multipliers import (
     on_sides,
     unit_of,
 )
+from jhd._distance.certificate.sides import AbstractPieces
 from jhd._distance.certificate.verification.inequalities import joined, slack_of
 from jhd._distance.certificate.verification.pieces import Part, difference
 from jhd._distance.certificate.verification.polynomials import elevated, powers_of

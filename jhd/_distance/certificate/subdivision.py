@@ -34,7 +34,7 @@ from jhd._distance.certificate.cutting import (
     prove_all,
     shortest,
 )
-from jhd._distance.certificate.multipliers import multipliers
+from jhd._distance.certificate.multipliers import sampled_multipliers
 from jhd._distance.certificate.shape_side import NearFeet, ShapeSide
 from jhd._distance.certificate.verification.cells import MOST_CUTS
 from jhd._distance.certificate.verification.inequalities import failure_of_cell
@@ -313,10 +313,10 @@ def _by_several(
             piece, x = np.full(len(shares), each.piece[k]), shares @ each.x[k]
             square = np.sum((points - target.points(piece, x)) ** 2, axis=-1)
             # As the checker has it: times the square of the weight.
-            found.append((limit * limit - square) * target.weights(piece, x) ** 2)
+            found.append((limit**2 - square) / max(limit**2, 1e-300) * target.weights(piece, x) ** 2)
         return np.stack(found)
 
-    rows = multipliers(slack, grid(source.cell_corners, _GRIDS[source.cell_corners]))
+    rows = sampled_multipliers(slack, grid(source.cell_corners, _GRIDS[source.cell_corners]))
     return None if rows is None else _checked(source, target, cells, k, chosen, rows, upper)
 
 

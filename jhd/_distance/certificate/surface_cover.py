@@ -2,7 +2,7 @@
 
 The cells of an implicit surface are tetrahedra of its box; a tetrahedron without a zero needs nothing more. The feet of
 a few points in a cell show which parts of the opposite shape are near, and each foot, moved with the points of the
-cell, makes one map. Linear programs find the multipliers (surface_multipliers), and integers check them.
+cell, makes one map. Linear programs find the multipliers (multipliers), and integers check them.
 """
 
 from functools import partial
@@ -24,8 +24,7 @@ from jhd._distance.certificate.cutting import (
     prove_all,
     shortest,
 )
-from jhd._distance.certificate.sides import AbstractSide, FootMap
-from jhd._distance.certificate.surface_multipliers import (
+from jhd._distance.certificate.multipliers import (
     SurfaceMultipliers,
     Terms,
     TightPlace,
@@ -33,6 +32,7 @@ from jhd._distance.certificate.surface_multipliers import (
     plain_multipliers,
     tight_place,
 )
+from jhd._distance.certificate.sides import AbstractSide, FootMap
 from jhd._distance.certificate.verification.cells import MOST_CUTS
 from jhd._distance.certificate.verification.inequalities import failure_of_cell
 from jhd._distance.certificate.verification.pieces import composed, simplex_map

@@ -10,7 +10,7 @@ import pytest
 import jhd
 from jhd._distance.certificate import verification
 from jhd._distance.certificate.certificate import certify
-from jhd._distance.certificate.multipliers import multipliers
+from jhd._distance.certificate.multipliers import sampled_multipliers
 from jhd._distance.certificate.shape_side import ShapeSide
 from jhd._distance.certificate.sides import plain_shape
 from tests.distance.certificate.made import sampled, sampled_distance
@@ -182,12 +182,12 @@ def test_multipliers_grow_with_their_slacks():
         return np.stack([-x * (2 + x), x * (2 - x)]) + 1e-9
 
     grid = np.stack([np.linspace(1, 0, 13), np.linspace(0, 1, 13)], axis=1)
-    rows = multipliers(slack, grid)
+    rows = sampled_multipliers(slack, grid)
     assert rows is not None
     shares = np.stack([np.linspace(1, 0, 2001), np.linspace(0, 1, 2001)], axis=1)
     assert np.min(np.array(rows)) >= 0
     assert np.min(np.sum(np.array(rows) @ shares.T * slack(shares), axis=0)) > 0
-    assert multipliers(lambda shares: slack(shares) - 0.1, grid) is None
+    assert sampled_multipliers(lambda shares: slack(shares) - 0.1, grid) is None
 
 
 def test_feet_on_triangles_are_the_nearest_places():
