@@ -36,16 +36,8 @@ from jhd._distance.certificate.verification.zeros import ZeroSet
 
 # Points that tell how long a part is.
 _SAMPLES = 5
-# Steps towards the shortest vector between two hulls.
-_STEPS = 24
-# Cuts of one piece in a row, after which the bound is given up: floats hold no more.
-_MOST_CUTS = 50
 # A plane that falls short by this fraction of the size in floating point is not worth an exact check.
 _SURELY = 1e-14
-# Parts into which the exact check of a polynomial may cut a pair here.
-_PARTS = 200
-# How much longer a range of pieces counts next to an implicit surface: multipliers are for single pieces.
-_RANGES_FIRST = 8.0
 
 
 class PointSide(AbstractPieces):
@@ -215,7 +207,8 @@ def _by_plane(pair: _PartPair, direction: np.ndarray | None) -> Entry | None:
 def between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Approximate shortest vector from one hull to the other."""
     v = q.mean(axis=0) - p.mean(axis=0)
-    for _ in range(_STEPS):
+    # Steps towards the shortest vector between two hulls.
+    for _ in range(24):
         support = q[np.argmin(q @ v)] - p[np.argmax(p @ v)]
         step = v - support
         size = float(step @ step)
@@ -233,7 +226,8 @@ def _by_zeros(pair: _PartPair) -> Entry | None:
     numbers = pair_multipliers(parts, (pair.shapes[0].side, pair.shapes[1].side), float(pair.bound))
     if numbers is None:
         return None
-    failed = failure_of_pair(parts, pair.zeros, numbers, pair.bound, _PARTS)
+    # Parts into which the exact check of a polynomial may cut a pair here.
+    failed = failure_of_pair(parts, pair.zeros, numbers, pair.bound, 200)
     return {"zeros": numbers} if failed is None else None
 
 
@@ -249,10 +243,12 @@ def _halves(pair: _PartPair) -> list[_PartPair]:
     ways = []
     for k, (shape, part) in enumerate(zip(pair.shapes, pair.parts, strict=True)):
         used = sum(1 for x in pair.name if x.isupper() == (k > 0) and x.lower() not in "xy")
-        ways += [(k, letter) for letter in (_letters(shape.exact, part) if used < _MOST_CUTS else [])]
+        # Cuts of one piece in a row, after which the bound is given up: floats hold no more.
+        ways += [(k, letter) for letter in (_letters(shape.exact, part) if used < 50 else [])]
     if not ways:
         raise UncoveredError(f"no proof is found for the pair {pair.name!r}: pass a larger slack.")
-    first = 1.0 if pair.zeros == (None, None) else _RANGES_FIRST
+    # How much longer a range of pieces counts next to an implicit surface: multipliers are for single pieces.
+    first = 1.0 if pair.zeros == (None, None) else 8.0
 
     def length(way: tuple[int, str]) -> float:
         return pair.shapes[way[0]].length(pair.parts[way[0]], way[1]) * (first if way[1] == "x" else 1.0)

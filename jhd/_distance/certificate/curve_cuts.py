@@ -15,14 +15,6 @@ from jhd._distance.nearest.feet import dot, equation_of, foot_speed
 _NODES = np.linspace(0.0, 1.0, 13)
 # Steps of Newton's method for the peak, among three candidates and for the chosen one alone.
 _PEAK_STEPS, _LAST_STEPS = 4, 4
-# Halvings that find a parameter to its last digit.
-_BISECTIONS = 54
-# Rounding of a squared distance: a value larger by less than this is no higher peak.
-_ROUNDING = 1e-14
-# Fraction of a squared distance by which the peak of the last steps may be lower than the one before, and the least
-# squared distance to which it applies.
-_LOWER = 1e-12
-_LEAST = 1e-13
 
 
 class CurveCells(NamedTuple):
@@ -57,7 +49,8 @@ def seams(source: ShapeSide, target: ShapeSide, cells: CurveCells, piece: np.nda
 
     low, high = cells.start, cells.end
     first = side(low)
-    for _ in range(_BISECTIONS):
+    # Halvings that find a parameter to its last digit.
+    for _ in range(54):
         middle = 0.5 * (low + high)
         same = side(middle) == first
         low, high = np.where(same, middle, low), np.where(same, high, middle)
@@ -100,7 +93,8 @@ def peaks(source: ShapeSide, target: ShapeSide, cells: CurveCells, feet: CurveFe
         found = heights(tried)
         least = np.min(found[0], axis=0)
         i = np.argmax(least, axis=0)
-        better = least[i, n] > top * (1 + _ROUNDING)
+        # Rounding of a squared distance: a value larger by less than this is no higher peak.
+        better = least[i, n] > top * (1 + 1e-14)
         t, top = np.where(better, tried[i, n], t), np.where(better, least[i, n], top)
         here = np.where(better, found[:, :, i, n], here)
         if k == 0:
@@ -112,5 +106,7 @@ def peaks(source: ShapeSide, target: ShapeSide, cells: CurveCells, feet: CurveFe
     for _ in range(_LAST_STEPS):
         here = heights(last[None])[:, :, 0]
         last = np.where(kind < 0, last, np.clip(last + steps(here)[kind, n], low, high))
-    same = np.min(heights(last[None])[0, :, 0], axis=0) >= top - _LOWER * np.maximum(top, _LEAST)
+    # Fraction of a squared distance by which the peak of the last steps may be lower than the one before, and the least
+    # squared distance to which it applies.
+    same = np.min(heights(last[None])[0, :, 0], axis=0) >= top - 1e-12 * np.maximum(top, 1e-13)
     return CurvePeaks(np.where(same, last, t), top, kind != 2)

@@ -32,15 +32,9 @@ from jhd._runtime.decimals import lower_text, upper_text
 from jhd._shapes.as_shape import Shape
 from jhd._shapes.implicit import ImplicitSurface
 
-# A point this much nearer than the lower bound, as a fraction of it, is not worth an exact check.
-_CLEARLY = 1e-9
 # Candidates next to implicit surfaces if none is known: samples, rounds of more around the farthest, and their number
 # in each round.
 _SAMPLED, _ROUNDS, _EACH = 200, 12, 8
-# Such candidates that are tried.
-_WITNESSES = 3
-# Steps in turn from a foot on one shape to that on the other.
-_TURNS = 6
 
 Report = Callable[[str, int, int], None]
 
@@ -147,7 +141,8 @@ def _witness(
         bound, pairs = Fraction(asked.lower) + place.near.reach, None
         if target.zeros is not None:
             here = place.point
-            if target.distance(here) < asked.lower * (1 - _CLEARLY):
+            # A point this much nearer than the lower bound, as a fraction of it, is not worth an exact check.
+            if target.distance(here) < asked.lower * (1 - 1e-9):
                 continue
             mine = PointSide(as_piece(point), here)
             try:
@@ -193,7 +188,8 @@ def _far_points(source: AbstractSide, target: AbstractSide) -> list[np.ndarray]:
         more = source.beside(best + size * 0.4 ** (k + 2) * draw.normal(size=(_EACH, 3)))
         points = np.concatenate([points, more])
         distances = np.concatenate([distances, [target.distance(point) for point in more]])
-    return list(points[np.argsort(-distances)[:_WITNESSES]])
+    # Candidates that are tried.
+    return list(points[np.argsort(-distances)[:3]])
 
 
 # ---- least distances -----------------------------------------------------------------------------
@@ -231,7 +227,8 @@ def prove_minimum(
 
 def _closest(sides: dict[str, AbstractSide], points: np.ndarray, upper: float) -> Entry | None:
     """Return a point on each shape, proven to be at most `upper` apart; None if none is found."""
-    for _ in range(_TURNS):
+    # Steps in turn from a foot on one shape to that on the other.
+    for _ in range(6):
         first, second = (side.place(point) for side, point in zip(sides.values(), points, strict=True))
         if first is None or second is None:
             return None

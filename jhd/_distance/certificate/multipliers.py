@@ -23,8 +23,6 @@ import numpy as np
 
 from jhd._distance.certificate.verification.polynomials import exponents, multinomials
 
-# Rounds in which directions are added.
-_ROUNDS = 8
 # A slack above this fraction of the largest is not tight. The tight point is searched in this many rounds, from scratch
 # and from a known neighborhood, each with this many points in a region that shrinks by this factor.
 TIGHT, _ZOOMS, _ZOOM, _TRIED = 0.03, (4, 11), 0.25, 16
@@ -37,14 +35,8 @@ _GROWTH, _CONVEX, _FLAT = 1.0, 0.1, 1e-8
 _DIFFERENCE, _BENT, SLOPE = 1e-7, 1e-3, 0.05
 # The fraction of the slack at a tight point that is kept everywhere, and the least square of a distance to it.
 KEPT, LEAST_FAR = 0.5, 1e-7
-# Coefficients of the largest polynomial that is made positive at once.
-_MOST_ROWS = 1200
-# Multipliers are rounded to multiples of this fraction of the largest.
-_BITS = 2.0**44
 # Fractions of the way from the tight point to a corner, or to the middle of two, at which samples lie.
 _SHARES = 2.0 ** -np.arange(1, 25)
-# A slack that is smaller by this fraction of the largest one belongs to a foot that is far away.
-_FAR = 1e-2
 
 
 class Terms(NamedTuple):
@@ -143,7 +135,8 @@ def sampled_multipliers(slack: Callable[[np.ndarray], np.ndarray], grid: np.ndar
     far = np.append(np.ones(len(grid)), np.repeat(_SHARES, len(towards)))
     slacks, here = slack(shares), slack(q[None])[:, 0]
     # Feet that are far at q would hide the others there; they take part only if the others do not suffice.
-    for active in (here >= here.max() - _FAR * np.max(np.abs(slacks)), np.ones(len(here), bool)):
+    # A slack that is smaller by this fraction of the largest one belongs to a foot that is far away.
+    for active in (here >= here.max() - 1e-2 * np.max(np.abs(slacks)), np.ones(len(here), bool)):
         # Fractions of the largest slack at each sample.
         rows = slacks[active] / np.maximum(np.max(np.abs(slacks[active]), axis=0), 1e-300)
         columns = np.concatenate([shares * row[:, None] for row in rows], axis=1)
@@ -172,7 +165,8 @@ def plain_multipliers(
     for _ in range(intervals):
         places = np.concatenate([np.repeat(places, len(ends), axis=0), np.tile(ends, len(places))[:, None]], axis=1)
         matrix = np.kron(matrix, back)
-    if len(matrix) > _MOST_ROWS:
+    # Coefficients of the largest polynomial that is made positive at once.
+    if len(matrix) > 1200:
         return None
     shares, places = np.repeat(nodes, len(places), axis=0), np.tile(places, (len(nodes), 1))
     rows = _MultiplierRows(evaluate(shares, places), shares, places)
@@ -232,7 +226,8 @@ def convex(program: Program, bends: np.ndarray) -> np.ndarray | None:
     directions = np.array([*axes, *pairs])
     rows = np.einsum("mabc,ra,rb->mrc", bends, directions, directions).reshape(-1, bends.shape[-1])
     far = np.tile(np.sum(directions**2, axis=1), len(bends))
-    for _ in range(_ROUNDS):
+    # Rounds in which directions are added.
+    for _ in range(8):
         x = program.solved(rows, far, 0.0)
         if x is None:
             return None
@@ -388,5 +383,6 @@ def few_bits(x: np.ndarray) -> np.ndarray:
     size = float(np.max(np.abs(x)))
     if size == 0:
         return x
-    unit = 2.0 ** np.floor(np.log2(size)) / _BITS
+    # Multipliers are rounded to multiples of this fraction of the largest.
+    unit = 2.0 ** np.floor(np.log2(size)) / 2.0**44
     return np.round(x / unit) * unit

@@ -30,12 +30,8 @@ from jhd._distance.certificate.verification.pieces import Part, difference
 from jhd._distance.certificate.verification.polynomials import elevated, powers_of
 from jhd._distance.certificate.verification.zeros import ZeroForm, negative, of_corners, times, value_on
 
-# Largest number of terms of a polynomial that is tried.
-_MOST_TERMS = 4000
 # Points of each part that are tried as nearest ones, and rounds in which more are tried around the nearest.
 _TRIED, _ROUNDS = 48, 14
-# The region of each round as a fraction of the one before.
-_ZOOM = 0.4
 
 
 class PairColumns(NamedTuple):
@@ -86,7 +82,8 @@ def _columns(forms: Sequence[ZeroForm], domain: Sequence[tuple[int, ...]]) -> Pa
     degree = tuple(map(max, zip(*(form.degree for form in forms), strict=True)))
     terms = [elevated(form.terms, tuple(domain), form.degree, degree) for form in forms]
     codes = sorted(set().union(*terms))
-    if len(codes) > _MOST_TERMS:
+    # Largest number of terms of a polynomial that is tried.
+    if len(codes) > 4000:
         return None
     count = 1 + max(map(max, domain))
     powers = np.array([powers_of(code, count) for code in codes])
@@ -186,7 +183,8 @@ def _nearest(
         squares = np.sum((p[:, None] - q[None]) ** 2, axis=-1)
         i, j = np.unravel_index(int(np.argmin(squares)), squares.shape)
         best, distance = [(u[i], p[i]), (v[j], q[j])], float(np.sqrt(squares[i, j]))
-        reach *= _ZOOM
+        # The region of each round as a fraction of the one before.
+        reach *= 0.4
     return np.concatenate([best[0][0], best[1][0]]), distance
 
 

@@ -27,18 +27,8 @@ from jhd._shapes.mesh import TriangleMesh
 
 # Steps of Newton's method for a foot, and the fractions of a step that are tried.
 _STEPS, _SHARES = 10, (1.0, 0.3, 0.05)
-# Steps of Newton's method for a foot on a curve.
-_CURVE_STEPS = 6
 # Parameters nearer than this to an end of their interval are put on it.
 _SNAP = 1e-15
-# Parameters below this are zero in certificates: tiny numbers would make long integers.
-_TINY = 1e-15
-# Parameters of maps are rounded to multiples of this, which keeps integers short: the distance changes by its square.
-_BITS = 2.0**40
-# Points of a shape are this near to their feet, in units of the largest coordinate.
-_ON_SHAPE = 1e-9
-# From this number on, points measured at once are padded to powers of two, for which there are few compiled functions.
-_LEAST_POINTS = 64
 
 
 class NearFeet(NamedTuple):
@@ -112,7 +102,9 @@ class ShapeSide(AbstractSide):
     def feet(self, points: np.ndarray, proven: bool = False) -> NearFeet:
         """Return feet of points: near ones, or, if `proven`, the nearest, which takes longer."""
         count = len(points)
-        rows = points[np.minimum(np.arange(max(_LEAST_POINTS, 1 << (count - 1).bit_length())), count - 1)]
+        # From this number on, points measured at once are padded to powers of two, for which there are few compiled
+        # functions.
+        rows = points[np.minimum(np.arange(max(64, 1 << (count - 1).bit_length())), count - 1)]
         queries = in_space(rows) if self._is_curve else self.stored(rows)
         found = self._target.nearest(queries) if proven else self._target.near(queries)
         t = np.asarray(found.t, float).reshape(len(rows), np.size(found.t) // len(rows))[:count]
@@ -136,7 +128,8 @@ class ShapeSide(AbstractSide):
 
     @override
     def place(self, point: np.ndarray) -> ShapePlace | None:
-        found = self.feet_within(self.scaled(point)[None], _ON_SHAPE)
+        # Points of a shape are this near to their feet, in units of the largest coordinate.
+        found = self.feet_within(self.scaled(point)[None], 1e-9)
         return self.named(int(found.piece[0]), found.x[0])
 
     @override
@@ -144,7 +137,8 @@ class ShapeSide(AbstractSide):
         if not 0 <= piece < len(self.exact):
             return None
         x = np.clip(t[1:] if self._triangles and len(t) == 3 else t[: self.parameters], 0.0, 1.0)
-        x = np.where(x < _TINY, 0.0, x)
+        # Parameters below this are zero in certificates: tiny numbers would make long integers.
+        x = np.where(x < 1e-15, 0.0, x)
         at = (on_triangle(x) if self._triangles else x).tolist()
         return ShapePlace({"piece": piece, "at": at}, NearZero(point_of(self.exact[piece], at), Fraction(0)))
 
@@ -176,7 +170,8 @@ class ShapeSide(AbstractSide):
     def _on_curve(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the parameters at which Newton's method ends, or the start if it is nearer."""
         s = x[:, 0]
-        for _ in range(_CURVE_STEPS):
+        # Steps of Newton's method for a foot on a curve.
+        for _ in range(6):
             s = gauss_newton(s, equation_of(points, self.curve_jet(piece, s)))
         ended = np.where(s < _SNAP, 0.0, np.where(s > 1 - _SNAP, 1.0, s))[:, None]
         before, after = (np.sum((self.points(piece, each) - points) ** 2, axis=-1) for each in (x, ended))
@@ -244,7 +239,9 @@ class ShapeSide(AbstractSide):
         count = len(corners)
         followed = self.local(np.full(count, piece), np.tile(x, (count, 1)), corners).x
         followed = followed if u is None else followed + (x - u @ followed)
-        return FootMap(piece, self.rounded(followed, _BITS), np.zeros(3))
+        # Parameters of maps are rounded to multiples of this, which keeps integers short: the distance changes by its
+        # square.
+        return FootMap(piece, self.rounded(followed, 2.0**40), np.zeros(3))
 
     @override
     def moved(self, corners: np.ndarray, foot: FootMap, u: np.ndarray, point: np.ndarray, position: float) -> FootMap:

@@ -48,19 +48,8 @@ from jhd._runtime.arrays import taken
 _PARTS = {1: 60, 2: 300, 3: 300, 4: 300}
 # Degrees of the grids on which maps are compared: on an interval, on a triangle.
 _GRIDS = {1: 1, 2: 12, 3: 6}
-# Parameters of feet are rounded to multiples of this, which keeps integers short: the distance changes by its square.
-# Feet of curves on curves keep all digits: their distance may be less than the rounding of a parameter.
-_BITS = 2.0**36
 # A sample this much above the bound, as a fraction of it and in the unit of coordinates, rejects a map without a check.
 _SURELY = 1e-13
-# A cut this near to an end does not count.
-_AT_END = 4e-16
-# Nor does a cut at a smooth peak within this fraction of the interval: the distance is flat there.
-_FLAT = 1e-9
-# A cut nearer to an end than this fraction of the interval is not the only one.
-_NEAR_END = 0.05
-# Maps whose parameters are nearer than this are one.
-_ALIKE = 1e-9
 # Cells that are cut in one generation, and generations by the number of corners, if only far points are wanted.
 _BEAM = {1: 0, 2: 16, 3: 48}
 _GENERATIONS = {1: 0, 2: 48, 3: 24}
@@ -217,7 +206,10 @@ def _maps(source: ShapeSide, target: ShapeSide, cells: _Open) -> tuple[list[_Map
         piece, rows = pieces[:, k], []
         for j in range(cells.x.shape[1]):
             followed = starts[:, k] if j == k else target.local(piece, starts[:, k], cells.points[:, j]).x
-            rows.append(target.rounded(followed, _BITS))
+            # Parameters of feet are rounded to multiples of this, which keeps integers short: the distance changes by
+            # its square. Feet of curves on curves keep all digits: their distance may be less than the rounding of a
+            # parameter.
+            rows.append(target.rounded(followed, 2.0**36))
         found.append(_with_squares(source, target, cells, piece, np.stack(rows, axis=1)))
     return found, []
 
@@ -327,7 +319,8 @@ def _different(maps: list[_Maps], k: int) -> list[int]:
     chosen: list[int] = []
     for i in order:
         like = (maps[j] for j in chosen if maps[i].piece[k] == maps[j].piece[k])
-        if not any(np.allclose(maps[i].x[k], other.x[k], atol=_ALIKE) for other in like):
+        # Maps whose parameters are nearer than this are one.
+        if not any(np.allclose(maps[i].x[k], other.x[k], atol=1e-9) for other in like):
             chosen.append(int(i))
     return chosen
 
@@ -389,8 +382,10 @@ def _cuts(source: ShapeSide, target: ShapeSide, cells: _Open, maps: list[_Maps],
         seam = seams(source, target, intervals, each.piece, end)
         inside = (seam > t0 + _SURELY) & (seam < t1 - _SURELY) & (maps[0].piece != maps[1].piece)
         cut = np.where(inside & (top <= limit**2) & ((end == 0) | (end == 1)), seam, cut)
-    cut = np.where(np.minimum(cut - t0, t1 - cut) <= np.where(is_smooth, _FLAT * width, _AT_END), middle, cut)
-    near = np.minimum(cut - t0, t1 - cut) < _NEAR_END * width
+    # A cut this near to an end does not count; at a smooth peak, where the distance is flat, within this fraction.
+    cut = np.where(np.minimum(cut - t0, t1 - cut) <= np.where(is_smooth, 1e-9 * width, 4e-16), middle, cut)
+    # A cut nearer to an end than this fraction of the interval is not the only one.
+    near = np.minimum(cut - t0, t1 - cut) < 0.05 * width
     return np.stack([cut, np.where(near, middle, cut)], axis=1)
 
 

@@ -37,17 +37,8 @@ from jhd._distance.certificate.verification.cells import MOST_CUTS
 from jhd._distance.certificate.verification.inequalities import failure_of_cell
 from jhd._distance.certificate.verification.pieces import composed, simplex_map
 
-# Parts into which an exact check may cut a cell here, and one that should need none.
-_PARTS, _FEW_PARTS = 120, 6
 # Degrees of the grids in cells, by the number of corners.
 _GRIDS = {1: 1, 2: 6, 3: 3, 4: 2}
-# How often maps are moved to the foot of the tight point, the move below which this ends, and the slack below which it
-# is useless.
-_MOVED, _STILL, _FAR = 5, 1e-9, 0.1
-# Feet of a cell that are tried together, at most.
-_FEET = 3
-# Maps whose points are nearer than this fraction of the size count as one.
-_ALIKE = 1e-6
 # If a point is farther away than the bound by more than this fraction, the search decides.
 _SURELY = 1e-9
 
@@ -153,7 +144,8 @@ class _Tried:
         if np.max(np.min(squares, axis=0)) > enough or len(maps) < 2:
             return []
         chosen: list[int] = []
-        while len(chosen) < _FEET:
+        # Feet of a cell that are tried together, at most.
+        while len(chosen) < 3:
             best = np.min(squares[chosen], axis=0) if chosen else np.full(len(points), np.inf)
             if np.all(best <= enough):
                 break
@@ -171,24 +163,29 @@ class _Tried:
         """Return the entry with these maps, moved to be sharp at the tight point; None if it is not proven."""
         intervals = len(feet) if self.target.zeros else 0
         tight = self._tight(feet, intervals)
-        for _ in range(_MOVED):
-            if tight is None or tight.is_clear or tight.least < -_FAR:
+        # How often maps are moved to the foot of the tight point.
+        for _ in range(5):
+            # A tight point with less slack is useless.
+            if tight is None or tight.is_clear or tight.least < -0.1:
                 break
             moved = [self._moved(foot, tight, k) for k, foot in enumerate(feet)]
             change = max(float(np.max(np.abs(x.rows - y.rows), initial=0.0)) for x, y in zip(feet, moved, strict=True))
             feet = moved
             tight = self._tight(feet, intervals, tight.u)
-            if change < _STILL:
+            # A smaller move ends this.
+            if change < 1e-9:
                 break
         if tight is None or tight.least <= 0:
             return None
         terms = partial(self._terms, feet)
         found = plain_multipliers(terms, tight, len(feet), self._degrees(len(feet)))
-        done = None if found is None else self._checked(entry, feet, found, _FEW_PARTS)
+        # Parts into which an exact check that should need none may cut a cell.
+        done = None if found is None else self._checked(entry, feet, found, 6)
         if done is not None or tight.is_clear:
             return done
         found = convex_multipliers(terms, tight, len(feet))
-        return None if found is None else self._checked(entry, feet, found, _PARTS)
+        # Parts into which an exact check may cut a cell here.
+        return None if found is None else self._checked(entry, feet, found, 120)
 
     def _degrees(self, feet: int) -> tuple[int, int]:
         """Return the degrees of the polynomial to prove: in the cell and along a foot."""
@@ -250,5 +247,6 @@ class _Tried:
 
 
 def _are_alike(foot: FootMap, other: FootMap) -> bool:
-    size = _ALIKE * float(np.max(np.abs(foot.rows), initial=1e-300))
+    # Maps whose points are nearer than this fraction of the size count as one.
+    size = 1e-6 * float(np.max(np.abs(foot.rows), initial=1e-300))
     return other.piece == foot.piece and bool(np.max(np.abs(other.rows - foot.rows), initial=0.0) <= size)

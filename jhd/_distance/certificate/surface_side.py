@@ -20,28 +20,14 @@ from jhd._distance.certificate.verification.zeros import ZeroSet, is_free, place
 from jhd._distance.search.targets import target_of
 from jhd._shapes.implicit import ImplicitSurface
 
-# Nodes of the grid along each axis, and halvings of its edges.
-_NODES, _HALVINGS = 17, 48
 # Steps towards a foot, and the number of surface points from which the search starts.
 _STEPS, _STARTS = 12, 3
-# Steps of Newton's method along a line.
-_NEWTON = 8
-# Coordinates below this fraction of the size count as zero.
-_TINY = 2.0**-70
 # Lengths of vectors across the surface that are tried, as fractions of the size of its box.
 _WAYS = (0.0, *(2.0**k for k in range(-52, -24, 3)))
-# Points this near to a face of the box, as a fraction of its size, are searched on the face.
-_AT_FACE = 2.0**-44
-# Feet that are followed for each point of a cell; for a single point, the nearest.
-_FOLLOWED = 2
 # How much longer a vector across the surface is than its samples need, and the least length, as a fraction of the size.
 _WIDER, _THIN = 1.5, 2.0**-26
-# The points of feet are rounded to multiples of this fraction of the size.
-_BITS = 2.0**40
 # Degrees of the grids in cells on which maps are compared with the surface, by the number of corners.
 _GRIDS = {1: 2, 2: 7, 3: 4, 4: 3}
-# Feet within this fraction of the box are one foot.
-_ALIKE = 1e-7
 
 
 class SurfaceFoot(NamedTuple):
@@ -143,13 +129,15 @@ class SurfaceSide(AbstractSide):
         found: list[SurfaceFoot] = []
         for start in starts:
             foot = self.foot(point, start)
-            if foot is not None and all(np.max(np.abs(foot.point - x.point)) > _ALIKE * self.size for x in found):
+            # Feet within this fraction of the box are one foot.
+            if foot is not None and all(np.max(np.abs(foot.point - x.point)) > 1e-7 * self.size for x in found):
                 found.append(foot)
         return sorted(found, key=lambda foot: foot.distance)
 
     def without_tiny(self, x: np.ndarray) -> np.ndarray:
         """Return the coordinates with tiny ones set to zero, which would make long integers."""
-        return np.where(np.abs(x) < _TINY * self.size, 0.0, x)
+        # Coordinates below this fraction of the size count as zero.
+        return np.where(np.abs(x) < 2.0**-70 * self.size, 0.0, x)
 
     @override
     def samples(self, draw: np.random.Generator, count: int) -> np.ndarray:
@@ -183,7 +171,8 @@ class SurfaceSide(AbstractSide):
         foot = self.foot(point, point)
         if foot is None:
             return None
-        for near in (_AT_FACE * self.size, 0.0):
+        # Points this near to a face of the box, as a fraction of its size, are searched on the face.
+        for near in (2.0**-44 * self.size, 0.0):
             low, high = foot.point - self.lower <= near, self.upper - foot.point <= near
             at = np.where(low, self.lower, np.where(high, self.upper, foot.point))
             # A way across a face would leave the box.
@@ -267,7 +256,8 @@ class SurfaceSide(AbstractSide):
         found = []
         for point in points:
             feet = self.near(point)
-            maps = (self._map(corners, point, foot) for foot in feet[: 1 if len(corners) == 1 else _FOLLOWED])
+            # Feet that are followed for each point of a cell; for a single point, the nearest.
+            maps = (self._map(corners, point, foot) for foot in feet[: 1 if len(corners) == 1 else 2])
             found.append(NearMaps(feet[0].distance if feet else math.inf, [each for each in maps if each is not None]))
         return found
 
@@ -295,7 +285,8 @@ class SurfaceSide(AbstractSide):
             if np.any(low > high):
                 return None
             rows = np.where(free, np.clip(rows, low, high), foot.point)
-        unit = 2.0 ** np.ceil(np.log2(self.size)) / _BITS
+        # The points of feet are rounded to multiples of this fraction of the size.
+        unit = 2.0 ** np.ceil(np.log2(self.size)) / 2.0**40
         rounded = np.where(free, np.round(rows / unit) * unit, foot.point)
         rounded = np.where(free & ((rounded < low) | (rounded > high)), rows, rounded)
         return FootMap(0, rounded, self.without_tiny(np.where(free, way * (1 - 1e-9), 0.0)))
@@ -322,7 +313,8 @@ class SurfaceSide(AbstractSide):
     def _along(self, q: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
         """Return the distances along the normal from points to the surface; None if Newton's method finds none."""
         s = np.zeros(len(q))
-        for _ in range(_NEWTON):
+        # Steps of Newton's method along a line.
+        for _ in range(8):
             at = q + s[:, None] * normal
             slope = self.slopes(at) @ normal
             s = s - self.values(at) / np.where(slope != 0, slope, 1.0)
@@ -333,7 +325,8 @@ class SurfaceSide(AbstractSide):
 
     def _on_grid(self) -> np.ndarray:
         """Return zeros on the edges of a grid, and nodes that are zeros."""
-        axes = [np.linspace(low, high, _NODES) for low, high in zip(self.lower, self.upper, strict=True)]
+        # Nodes of the grid along each axis.
+        axes = [np.linspace(low, high, 17) for low, high in zip(self.lower, self.upper, strict=True)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         values = self.values(nodes)
         found = [nodes[values == 0]]
@@ -343,7 +336,8 @@ class SurfaceSide(AbstractSide):
             above = np.moveaxis(values, axis, 0)[1:].ravel()
             change = below * above < 0
             first, last, sign = first[change], last[change], np.sign(below[change])
-            for _ in range(_HALVINGS if len(first) else 0):
+            # Halvings of the edges of the grid.
+            for _ in range(48 if len(first) else 0):
                 middle = 0.5 * (first + last)
                 same = (np.sign(self.values(middle)) == sign)[:, None]
                 first, last = np.where(same, middle, first), np.where(same, last, middle)

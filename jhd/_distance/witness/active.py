@@ -27,11 +27,6 @@ from jhd._distance.normalization.pieces import Piece, is_point
 from jhd._results.solution import EVENTS
 from jhd._runtime.arrays import varying
 
-# A determinant below this fraction of the product of the lengths of its rows is zero.
-_SINGULAR = 1e-10
-# Newton steps of a polish; the peaks of the search are off by the root of its tolerance.
-_POLISH = 4
-
 
 class Active(NamedTuple):
     """The pieces that carry a witness and its feet, a mask of the held parameters, and whether both feet count."""
@@ -141,7 +136,8 @@ def _solve(rows: Array, right: Array) -> Array:
     columns = jnp.stack([jnp.cross(second, third), jnp.cross(third, first), jnp.cross(first, second)])
     determinant = first @ columns[0]
     size = jnp.prod(jnp.sqrt(jnp.sum(jax.lax.stop_gradient(rows) ** 2, axis=1)))
-    regular = jnp.abs(determinant) > _SINGULAR * size
+    # A determinant below this fraction of the product of the lengths of its rows is zero.
+    regular = jnp.abs(determinant) > 1e-10 * size
     return jnp.where(regular, right @ (columns / jnp.where(regular, determinant, 1.0)), 0.0)
 
 
@@ -210,7 +206,8 @@ def distance(y: Array, system: Active) -> Array:
 
 def polished(y: Array, system: Active) -> Array:
     """Return parameters after a few Newton steps, kept in [0, 1]."""
-    return jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(newton(x, system), 0.0, 1.0), varying(y, system))
+    # Newton steps of a polish; the peaks of the search are off by the root of its tolerance.
+    return jax.lax.fori_loop(0, 4, lambda _, x: jnp.clip(newton(x, system), 0.0, 1.0), varying(y, system))
 
 
 def balance(y: Array, system: Active, held: Array) -> tuple[Array, Array]:

@@ -35,8 +35,6 @@ from jhd._runtime.arrays import varying
 
 # Singular values below this fraction of the largest are zero: non-isolated maximizers do not move along themselves.
 _FLAT = 1e-10
-# Newton steps before the conditions are differentiated.
-_STEPS = 2
 
 
 class _State(NamedTuple):
@@ -215,7 +213,8 @@ def _balance_rule(primals: tuple, tangents: tuple) -> tuple[_State, _State]:
     state = _with_multipliers(state, constant, fixed)
     # The search has solved the conditions of two implicit surfaces already.
     if not all(part.has_normals for part in rows):
-        state = jax.lax.fori_loop(0, _STEPS, newton, varying(state, constant, fixed))
+        # Newton steps before the conditions are differentiated.
+        state = jax.lax.fori_loop(0, 2, newton, varying(state, constant, fixed))
     state = _balance(state, rows, fixed)
     _, change = jax.jvp(lambda moving: _conditions(state, moving, fixed), (rows,), (tangents[1],))
     return _balance(start, rows, fixed), jax.tree_util.tree_map(jnp.negative, _solved(state, rows, fixed, change))

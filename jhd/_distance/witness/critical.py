@@ -23,9 +23,6 @@ from jhd._runtime.arrays import undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd._shapes.curve import BezierSegments
 
-# Pairs at equal points, in the common coordinates, are one pair.
-_SAME = 1e-5
-
 
 def local_pairs(a: BezierSegments, b: BezierSegments, capacity: int) -> tuple[CriticalPairs, Frame]:
     """Return the critical pairs that samples show, without derivatives, and the frame of the search."""
@@ -92,6 +89,7 @@ def _repeats(there: tuple[Array, Witness], back: tuple[Array, Witness]) -> Array
 
     (w_carrier, w_foot), (v_carrier, v_foot) = held(w), held(v)
     alike = (v_carrier[:, None] == w_foot) & (v_foot[:, None] == w_carrier)
-    crosswise = alike & (jnp.maximum(apart(v.point, w.feet[:, 0]), apart(v.feet[:, 0], w.point)) < _SAME)
+    # Pairs at equal points, in the common coordinates, are one pair.
+    crosswise = alike & (jnp.maximum(apart(v.point, w.feet[:, 0]), apart(v.feet[:, 0], w.point)) < 1e-5)
     single = jnp.any(v.multipliers == 0, axis=-1)[:, None] & jnp.any(w.multipliers == 0, axis=-1)
     return jnp.any(crosswise & single & (first > -jnp.inf), axis=1)

@@ -11,9 +11,6 @@ from jhd._distance.normalization.jets import jet
 from jhd._distance.normalization.pieces import CurvePlace, piece_of
 from jhd._shapes.curve import BezierSegments
 
-# Tangents that differ by more than this angle (radians) make a joint a corner: joints that are smooth by construction
-# are off by the rounding of control points, divided by the length of the first leg.
-_CORNER = 1e-6
 # If a segment stands still, the chord to a point this far inside replaces the tangent.
 _INSIDE = 1e-4
 
@@ -39,7 +36,9 @@ def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:
     border = first | last
     end = border & (neighbor < 0)
     # The angle between unit vectors is nearly the length of their difference.
-    corner = border & (neighbor >= 0) & (jnp.sum((own - other) ** 2) > _CORNER**2)
+    # Tangents that differ by more than this angle (radians) make a joint a corner: joints that are smooth by
+    # construction are off by the rounding of control points, divided by the length of the first leg.
+    corner = border & (neighbor >= 0) & (jnp.sum((own - other) ** 2) > 1e-6**2)
     back = jnp.where(last, -own, own)
     on = jnp.where(corner, jnp.where(last, other, -other), jnp.where(end, 0.0, -back))
     return Around(end, corner, jnp.stack([back, on]))

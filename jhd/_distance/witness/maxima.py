@@ -25,22 +25,12 @@ from jhd._shapes.curve import BezierSegments
 
 # Samples of the curve that carries the maxima, shared among its segments within these limits for each.
 _SAMPLES, _LEAST, _MOST = 1024, 12, 256
-# Samples of each segment of the other curve for the first feet.
-_SEEDS = 12
-# Samples whose nearest points are searched in one batch.
-_CHUNK = 32
-# Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed.
-_FOLLOW = 7
 # Bisections of an interval between two samples; Newton steps after them.
 _BISECTIONS, _POLISH = 16, 5
-# Rounds of refinement: an interval whose foot was not the nearest starts again with the nearest foot.
-_ROUNDS = 3
 # Two feet are one if they are nearer than this fraction of the distance, or than one foot can have moved in a cell.
 _ONE_FOOT, _MOVED = 1e-3, 64.0
 # A foot is the nearest if no foot is nearer by this fraction, or this length in the common coordinates.
 NEARER, ROUNDED = 1e-9, 1e-13
-# A maximum of two feet this near to an end of its segment is at the end: the tie determines it only to rounding.
-_AT_END = 1e-12
 
 
 class _CriticalPair(NamedTuple):
@@ -98,7 +88,8 @@ def local_maxima(a: BezierSegments, b: BezierSegments, lanes: int) -> tuple[Arra
         return varying(_Rounds(state.cells._replace(other=found.nearest), found, state.count + 1), pair)
 
     def again(state: _Rounds) -> Array:
-        return jnp.any(state.found.wrong & (keys > -jnp.inf)) & (state.count < _ROUNDS)
+        # Rounds of refinement: an interval whose foot was not the nearest starts again with the nearest foot.
+        return jnp.any(state.found.wrong & (keys > -jnp.inf)) & (state.count < 3)
 
     blank = jax.tree_util.tree_map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(lambda: _refined(pair, cells)))
     start = _Rounds(cells, blank._replace(wrong=jnp.ones_like(blank.wrong)), jnp.array(0))
@@ -127,7 +118,8 @@ def _at_ends(pair: _CriticalPair, witness: Witness, valid: Array) -> Witness:
 
 
 def _prepared(a: BezierSegments, b: BezierSegments) -> _CriticalPair:
-    s = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
+    # Samples of each segment of the other curve for the first feet.
+    s = jnp.linspace(0.0, 1.0, 13, dtype=b.control_points.dtype)
     points = jax.vmap(lambda k: jax.vmap(lambda u: jet(*piece_of(b, k), u).point)(s))(jnp.arange(b.count))
     at = CurvePlace(jnp.repeat(jnp.arange(b.count), s.size), jnp.tile(s, b.count))
     return _CriticalPair(a, b, preceding(a.next_segment), preceding(b.next_segment), points.reshape(-1, b.dim), at)
@@ -147,7 +139,8 @@ def _seed(pair: _CriticalPair, points: Array) -> CurvePlace:
 def _foot(pair: _CriticalPair, segment: Array, t: Array, starts: CurvePlace) -> _Foot:
     """Return the nearest of the feet reached from the starts (starts,) of the point of a, and the slope there."""
     at = jet(*piece_of(pair.a, segment), t)
-    feet = jax.vmap(lambda k, s: follow_foot(at.point, pair.b, pair.before_b, k, s, _FOLLOW))(*starts)
+    # Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed.
+    feet = jax.vmap(lambda k, s: follow_foot(at.point, pair.b, pair.before_b, k, s, 7))(*starts)
     squares = jnp.sum((feet.point - at.point) ** 2, axis=-1)
     best = jnp.argmin(squares)
     k, s, point, pinned = (x[best] for x in feet)
@@ -176,7 +169,8 @@ def _proposed(pair: _CriticalPair, lanes: int) -> tuple[Array, _CriticalCell, Ar
         found = nearest(point, pair.b.control_points, pair.b.weights, enough, skipped)
         return _foot(pair, at.segment, at.t, CurvePlace(found.segment[None], found.t[None]))
 
-    foot = in_chunks(sampled, CurvePlace(segment, t), _CHUNK)
+    # Samples whose nearest points are searched in one batch.
+    foot = in_chunks(sampled, CurvePlace(segment, t), 32)
     foot = jax.tree_util.tree_map(lambda x: x.reshape(a.count, steps + 1, *x.shape[1:]), foot)
     slope, distance = foot.slope, foot.distance
     skip = skip[:, None]
@@ -267,7 +261,8 @@ def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, 
     stays = jnp.abs(new[0] - t) <= 4 * (cell.t1 - cell.t0)
     y = jnp.where(stays, new, y)
     # Between the arms of b an end or corner can be a maximum that rises on one side, towards it, for either foot alone.
-    ending = two & (jnp.abs(y[0] - border) <= _AT_END)
+    # A maximum of two feet this near to an end of its segment is at the end: the tie determines it only to rounding.
+    ending = two & (jnp.abs(y[0] - border) <= 1e-12)
     y = y.at[0].set(jnp.where(ending, border, y[0]))
     event = _event(place, ending, event)
     s1, s2 = y[1], jnp.where(two, y[2], y[1])

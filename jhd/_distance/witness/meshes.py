@@ -27,8 +27,6 @@ _ANGLES = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 _CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
 # Barycentric coordinates below this put the point on an edge.
 _ON_EDGE = 1e-9
-# A triangle whose height is below this fraction of its side has no known direction across.
-_NEEDLE = 1e-12
 
 
 class MeshFeet(NamedTuple):
@@ -93,7 +91,8 @@ def _into(side: MeshSide, owner: int, free: np.ndarray) -> np.ndarray:
     along = unit(own[1].astype(np.float64) - base)
     third = own[2:].astype(np.float64) - base if len(own) == 3 else sides.sum(axis=1)
     across = third - (third @ along)[:, None] * along
-    flat = np.linalg.norm(across, axis=1) <= _NEEDLE * np.linalg.norm(third, axis=1)
+    # A triangle whose height is below this fraction of its side has no known direction across.
+    flat = np.linalg.norm(across, axis=1) <= 1e-12 * np.linalg.norm(third, axis=1)
     rays = np.concatenate([along[None], unit(np.where(flat[:, None], 0.0, across))])
     return np.concatenate([rays, -rays if len(own) == 3 else -rays[:1]])
 

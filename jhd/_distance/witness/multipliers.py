@@ -38,12 +38,6 @@ from jhd._runtime.arrays import varying
 
 # Slopes of unit vectors along unit vectors below this are zero: rounding of feet leaves 1e-12.
 _FLAT = 1e-11
-# Penalty, in units of a violation, for replacing the nearest foot by the farthest foot that counts as equally near.
-_FARTHER = 1e-4
-# Multipliers that balance leave at most this residual.
-_UNBALANCED = 1e-4
-# Multipliers below this are zero: the violation is no larger then.
-_NONE = 1e-6
 
 
 def share(first: Float[Array, "*batch rays"], second: Float[Array, "*batch rays"]) -> Float[Array, "*batch"]:
@@ -123,7 +117,8 @@ def balanced_feet(
     units, excess = unit(point - feet[kept]), (distance[kept] - least) / equal
     for directions in rays:
         shares = balanced(units, directions, excess)
-        if np.max(np.abs(directions @ units.T @ shares), initial=0.0) <= _UNBALANCED:
+        # Multipliers that balance leave at most this residual.
+        if np.max(np.abs(directions @ units.T @ shares), initial=0.0) <= 1e-4:
             break
     chosen = np.flatnonzero(shares)
     unused = FEET - len(chosen)
@@ -145,7 +140,8 @@ def balanced(
     feet, count = len(units), len(rays)
     rows = np.zeros((count + feet + 1, feet + count))
     rows[:count, :feet], rows[:count, feet:] = rays @ units.T, np.eye(count)
-    rows[count:-1, :feet] = _FARTHER * np.diag(excess)
+    # Penalty, in units of a violation, for replacing the nearest foot by the farthest foot that counts as equally near.
+    rows[count:-1, :feet] = 1e-4 * np.diag(excess)
     rows[-1, :feet] = 1.0
     found = non_negative(rows, np.append(np.zeros(count + feet), 1.0))[:feet]
     found = _of_sum_one(found)
@@ -154,7 +150,8 @@ def balanced(
         used = np.flatnonzero(found)
         pull = np.append(found @ units, 1.0)
         found[used] = _of_sum_one(non_negative(np.vstack([units[used].T, np.ones(len(used))]), pull))
-    return _of_sum_one(np.where(found > _NONE, found, 0.0))
+    # Multipliers below this are zero: the violation is no larger then.
+    return _of_sum_one(np.where(found > 1e-6, found, 0.0))
 
 
 def _of_sum_one(found: Float[np.ndarray, " feet"]) -> Any:

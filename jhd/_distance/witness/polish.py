@@ -41,8 +41,6 @@ _NEAR, _BEYOND, _CONVERGED = 1e-3, 1e-12, 1e-11
 _NEGATIVE = 1e-9
 # Singular values below this fraction of the largest are zero: non-isolated maximizers do not move along themselves.
 _SOLVED, _FLAT = 1e-13, 1e-10
-# Curvatures of half the squared distance, which is one on a plane, below which a point is not a nearest point.
-_SADDLE = 1e-6
 # A face this near to being tangent to the surface is left free at first: sine of the angle.
 _TANGENT = 0.05
 
@@ -266,7 +264,8 @@ def _saddles(y: Unknowns, at: PolynomialJet, faces: Array, size: Array) -> Array
         matrix = jnp.eye(3, dtype=s.dtype) + s * size / jnp.where(slope > 0, slope, 1.0) * hessian
         return _least_curvature(matrix, normal, held == 0)
 
-    return jax.vmap(least)(y.s[1:], at.gradient[1:], at.hessian[1:], faces[1:]) < -like_double(_SADDLE, y.s.dtype)
+    # Curvatures of half the squared distance, which is one on a plane, below which a point is not a nearest point.
+    return jax.vmap(least)(y.s[1:], at.gradient[1:], at.hessian[1:], faces[1:]) < -like_double(1e-6, y.s.dtype)
 
 
 def _passed(x: Array, problem: MaximumProblem) -> Array:

@@ -24,14 +24,6 @@ from jhd._results.solution import Witness
 
 # A border presses if the slope towards it is at least this fraction of the length of the derivative.
 _PRESSING = 1e-7
-# Barycentric coordinates below this put a point on an edge.
-_ON_EDGE = 1e-9
-# Fraction of the size of a box within which a point lies on one of its faces.
-_TOUCHING = 1e-9
-# A face whose angle with the surface has a smaller sine does not hold: the surface touches it.
-_TANGENT = 0.05
-# A face lets go if the pull is inward by more than this fraction of the distance.
-_INWARD = 1e-9
 # Coordinates of points at about one are known to this many units of roundoff.
 NOISE = 256
 
@@ -134,7 +126,8 @@ class CornerRows(AbstractPointRows):
 
     @override
     def held(self, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
-        inside = x > _ON_EDGE
+        # Barycentric coordinates below this put a point on an edge.
+        inside = x > 1e-9
         pull = pull - jnp.sum(jnp.where(inside, pull, 0.0)) / jnp.maximum(jnp.sum(inside), 1)
         size = jnp.max(length(self.points - self.point(x)))
         # A triangle whose corners are one point has no coordinates, and its constraint would have no weight.
@@ -186,10 +179,12 @@ class Polynomial(AbstractRows):
     @override
     def held(self, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
         """Return the masks for faces that press and are not only touched."""
-        near = like_double(_TOUCHING, x.dtype) * jnp.max(self.upper - self.lower)
+        # Fraction of the size of a box within which a point lies on one of its faces.
+        near = like_double(1e-9, x.dtype) * jnp.max(self.upper - self.lower)
         gradient, low = slopes(self.coefficients, x)[1], x <= self.lower + near
         border = low | (x >= self.upper - near)
-        steep = _TANGENT * length(gradient)
+        # A face whose angle with the surface has a smaller sine does not hold: the surface touches it.
+        steep = 0.05 * length(gradient)
         touched = (length(jnp.where(border, 0.0, gradient)) <= steep) & ~jnp.all(border)
         # Of the faces at an edge, the faces across the surface go on holding.
         border = border & ~(touched & (jnp.abs(gradient) > steep))
@@ -197,7 +192,8 @@ class Polynomial(AbstractRows):
         rest = length(free)
         rest = jnp.where(rest > 0, rest, jnp.inf)
         pull = pull - jnp.sum(free / rest * pull) * (gradient / rest)
-        return border & (jnp.where(low, pull, -pull) >= -like_double(_INWARD, x.dtype) * far), low
+        # A face lets go if the pull is inward by more than this fraction of the distance.
+        return border & (jnp.where(low, pull, -pull) >= -like_double(1e-9, x.dtype) * far), low
 
     def is_along_normal(self, x: Array, place: Array) -> Array:
         """Return whether rounding turns the normal at a foot less than the vector to the farthest point.

@@ -27,8 +27,6 @@ from jhd._results.solution import Projection
 from jhd._runtime.arrays import varying
 from jhd._runtime.compiled import compiled
 
-# A derivative this much shorter than the size of the piece belongs to a collapsed edge; above, feet have six digits.
-_COLLAPSED = 1e-10
 # Distances determine a foot to the root of this many units of roundoff. This near to a collapsed edge, the foot is
 # known if the distance is stationary, to an angle of this many units.
 _TOLD, _STATIONARY = 32, 2.0**15
@@ -129,7 +127,9 @@ def _held(piece: Net, apart: Array, x: Array) -> tuple[Array, Array]:
     slope = at.first @ (apart + at.point)
     lengths = jnp.sqrt(jnp.sum(at.first**2, axis=-1))
     size, distance = _size(piece), length(apart + at.point)
-    collapsed = lengths <= _COLLAPSED * size
+    # A derivative this much shorter than the size of the piece belongs to a collapsed edge; above, feet have six
+    # digits.
+    collapsed = lengths <= 1e-10 * size
     sizes = lengths * distance
     # On a collapsed edge a neighboring piece may hold the foot, within its uncertainty.
     pressed = presses(x, slope, sizes) & ~(jnp.any(collapsed) & (jnp.abs(slope) <= _KNOWN * sizes))

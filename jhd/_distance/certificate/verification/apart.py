@@ -31,9 +31,6 @@ Box = tuple[tuple[float, ...], ...]
 # Homogeneous coordinates: a point times a weight, and the weight.
 Homogeneous = tuple[tuple[int, ...], int]
 
-# Cuts of one pair, of ranges too.
-_MOST_LETTERS = 160
-
 
 class PartOfShape(NamedTuple):
     """A range of pieces in their order, or a box of the domain of a single piece, with the number of its cuts."""
@@ -157,7 +154,8 @@ def pairs(
         letters = entry["pair"]
         if not letters.startswith(done):
             raise CertificateError(f"{name}.pair is {repr(letters)}; the next one begins with {repr(done)}.")
-        if len(letters) > _MOST_LETTERS or any(_cuts(letters, kind) > MOST_CUTS for kind in (str.islower, str.isupper)):
+        # Cuts of one pair, of ranges too.
+        if len(letters) > 160 or any(_cuts(letters, kind) > MOST_CUTS for kind in (str.islower, str.isupper)):
             raise CertificateError(f"{name}.pair has {len(letters)} cuts; needs fewer.")
         for letter in letters[len(done) :]:
             beside = chr(ord(letter) + 1)

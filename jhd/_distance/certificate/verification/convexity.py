@@ -26,8 +26,6 @@ from jhd._distance.certificate.verification.polynomials import (
     variable,
 )
 
-# Parts are tested for convexity once in this many halvings.
-_TRIED = 3
 # Steps towards the minimum, the least pivot, and the size of a step after which the minimum is reached.
 _STEPS, _STILL, _NEAR = 30, 1e-17, 1e-9
 # Barycentric coordinates are multiples of this power of two.
@@ -37,7 +35,8 @@ _MASK = (1 << BITS) - 1
 
 def failure_in_space(f: Polynomial, domain: Domain, degree: Degree, most_parts: int = MOST_PARTS) -> str | None:
     """Call `failure` with planes as a further proof."""
-    is_proven = lambda part, depth: depth % _TRIED == 0 and is_above_a_plane(part, domain, degree)  # noqa: E731
+    # Parts are tested for convexity once in this many halvings.
+    is_proven = lambda part, depth: depth % 3 == 0 and is_above_a_plane(part, domain, degree)  # noqa: E731
     return failure(f, domain, degree, most_parts, is_proven)
 
 

@@ -22,8 +22,6 @@ Split = tuple[tuple[tuple[int, ...], int, int], ...]
 
 # Bits of one exponent, and so the largest degree of all.
 BITS = 8
-# Halvings in a row that one polynomial may take, for each variable beyond the first.
-_MOST_HALVINGS = 48
 # Parts in all: next to a maximum there are about twenty, most polynomials need none.
 MOST_PARTS = 1500
 # Called before each of these parts: raises if the time of a check is over.
@@ -148,7 +146,8 @@ def failure(
     """
     if min(f.values(), default=0) >= 0:
         return None
-    most = _MOST_HALVINGS * sum(len(variables) - 1 for variables in domain)
+    # Halvings in a row that one polynomial may take, for each variable beyond the first.
+    most = 48 * sum(len(variables) - 1 for variables in domain)
     start: Split = tuple((variables, n, 0) for variables, n in zip(domain, degree, strict=True))
     parts, on_part = [(reduced(f), start, 0)], ON_PART.get()
     for _ in range(most_parts):

@@ -21,8 +21,6 @@ from jhd._distance.certificate.verification.structure import SECTIONS, VERSION, 
 _GZIP = b"\x1f\x8b"
 # The longest line or object that is read: a short compressed file must not fill the memory.
 _LONGEST = 2**28
-# Of a file; more than any disk has bytes.
-_MOST_CELLS = 2**53
 
 
 def parsed(text: str) -> Any:
@@ -110,7 +108,8 @@ def _streams(counts: Mapping[str, Any], lines: _Lines) -> dict[str, "_CellsInTur
     """Return for each direction its cells, read on demand, in the order of the directions."""
     check_keys("cells", counts, [name for name in SECTIONS if name in counts])
     for name, count in counts.items():
-        if isinstance(count, bool) or not isinstance(count, int) or not 0 < count <= _MOST_CELLS:
+        # More than any disk has bytes.
+        if isinstance(count, bool) or not isinstance(count, int) or not 0 < count <= 2**53:
             raise CertificateError(f"cells.{name} is {repr(count)}; needs the number of its lines.")
     names = [name for name in SECTIONS if name in counts]
     return {name: _CellsInTurn(lines, name, counts[name], name == names[-1]) for name in names}

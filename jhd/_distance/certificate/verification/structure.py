@@ -43,8 +43,6 @@ _LETTERS = frozenset("abcdefxyABCDEFXY")
 _LARGEST_CURVE, _LARGEST_PATCH, _LARGEST_MAP = 30, 10, 3
 # Largest number of feet of one cell, for the same reason.
 MOST_FEET = 4
-# Into which a box is cut.
-_TETRAHEDRA = 6
 # Largest degree to check on a triangle: a few hundred milliseconds.
 _LARGEST_ON_TRIANGLES = 60
 
@@ -301,7 +299,8 @@ def _check_shape(name: str, shape: Any) -> ShapeSize:
         raise CertificateError(f"{name}.kind is {repr(kind)}; needs one of {', '.join(SHAPES)}.")
     check_keys(name, shape, ("kind", *SHAPES[kind]), ("sha256",))
     if kind == "surface":
-        size = ShapeSize(3, _TETRAHEDRA, (4,), check_surface(name, shape))
+        # A box is cut into six tetrahedra.
+        size = ShapeSize(3, 6, (4,), check_surface(name, shape))
     else:
         size = _check_mesh(name, shape) if kind == "mesh" else _check_nets(name, shape)
     if "sha256" in shape and shape["sha256"] != digest(shape):

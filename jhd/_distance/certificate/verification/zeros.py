@@ -27,9 +27,6 @@ from jhd._distance.certificate.verification.polynomials import (
 )
 from jhd._distance.certificate.verification.values import CertificateError
 
-# Terms of a polynomial that is checked: some seconds.
-_MOST_TERMS = 40_000
-
 
 class ZeroSet(NamedTuple):
     """The polynomial of a surface, {(i, j, k): coefficient} times 2^bits, its total degree, and the box."""
@@ -71,7 +68,8 @@ def zeros_of(shape: Mapping[str, Any]) -> ZeroSet | None:
 def sum_of(forms: Sequence[ZeroForm], domain: Domain) -> ZeroForm:
     """Return the sum, in the least common degree."""
     degree = tuple(map(max, zip(*(f.degree for f in forms), strict=True)))
-    if math.prod(math.comb(n + len(v) - 1, n) for n, v in zip(degree, domain, strict=True)) > _MOST_TERMS:
+    # Terms of a polynomial that is checked: some seconds.
+    if math.prod(math.comb(n + len(v) - 1, n) for n, v in zip(degree, domain, strict=True)) > 40_000:
         raise CertificateError(f"a polynomial of degrees {degree} is too large to be checked.")
     bits = max(f.bits for f in forms)
     found: Polynomial = {}
