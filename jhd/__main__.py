@@ -23,18 +23,8 @@ from jhd._runtime.starting import INTERRUPTED
 # The names of jhd._cli.warming and jhd._fields, written out, as their import takes seconds.
 _KINDS = "plane", "space", "rational", "surfaces", "meshes"
 _MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
-_SHORT = "-h", "-k", "-o"
+_SHORT = {"--help": "-h", "--count": "-k", "--out": "-o"}
 _FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
-_BOX_HELP = "box of an implicit surface: LOWER UPPER for all axes, or three lower and then three upper ends"
-_SECONDS_HELP = "time in seconds after which the search ends with the bounds reached (default: none)"
-_ATOL_HELP = "largest upper - lower (default: 1e-10 of the diagonal)"
-_RTOL_HELP = "largest upper - lower, relative to upper; the larger tolerance counts (default: {})"
-_OUT_HELP = "file for the {}: {}"
-_THRESHOLD_HELP = "question: is the distance at most LENGTH? The exit status is the answer: 0 yes, 3 no, 1 undecided"
-_METHOD_HELP = "method, a class of jhd or jhd.published (default: {}); an unknown name lists all"
-_PLOT_HELP = "file for a picture of {}; the suffix selects the format (.png, .svg, .pdf, ...)"
-_PAGE_HELP = "file for an HTML page: walk along plane curves, or rotate shapes in space (with the extra jhd[web])"
-_CERTIFICATE_HELP = "file for a certificate of the bounds, which jhd verify checks"
 _FILES_EPILOG = """\
 SHAPE is one of
   a curve              .json, .svg, .igs, .iges, .geojson, .wkt file, font:NAME:LETTER, or SVG path data ("M 0 0 L 1 2")
@@ -210,7 +200,7 @@ def _numbers(text: str) -> list[float]:
 
 def _option_or_word(word: str) -> str:
     """The word, with a space before a minus that begins no option: argparse would take -1e-3 or -x**2 for one."""
-    option = word == "-" or word.startswith(("--", *_SHORT))  # a single minus means standard input
+    option = word == "-" or word.startswith(("--", *_SHORT.values()))  # a single minus means standard input
     return f" {word}" if word.startswith("-") and not option else word
 
 
@@ -237,6 +227,81 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message} (see {self.prog} --help)")
 
+    def take(self, words: str, **changes: str | dict[str, Any]) -> None:
+        """Take these arguments and --json, in the order of the help; a change is another help, or other keywords."""
+        types: dict[str, Any] = {"LENGTH": lengths.length, "FRACTION": lengths.fraction, "S": lengths.seconds}
+        types |= {"N": int, "X": float, "X ...": _numbers}
+        for word in (*words.split(), "--json"):
+            kind, text, *others = _ARGUMENTS[word]
+            if isinstance(kind, tuple):
+                typed: dict[str, Any] = {"choices": kind, "default": kind[0]}
+            else:
+                typed = {"metavar": kind, "type": types.get(kind, _as_given)} if kind else {"action": "store_true"}
+            change = changes.get(word.lstrip("-").replace("-", "_"), {})
+            other = {"help": change} if isinstance(change, str) else change
+            self.add_argument(
+                *filter(None, (_SHORT.get(word), word)), **dict(typed, help=text, **dict(*others)) | other
+            )
+
+
+# The arguments: placeholder or choices (the first is the default; None for a switch), help, and keywords of argparse.
+_ARGUMENTS: dict[str, tuple[Any, ...]] = {
+    "a": ("A", "first shape: a SHAPE, see below"),
+    "b": ("B", "second shape: a SHAPE, see below"),
+    "shape": ("SHAPE", "shape, see below"),
+    "shapes": ("SHAPE", "shapes, see below", {"nargs": "+"}),
+    "query": ("QUERY", "query shape or shapes, see below"),
+    "target": (
+        "TARGET",
+        "curve: a .json, .svg, .igs, .iges, .geojson or .wkt file, font:NAME:LETTER, or SVG path data",
+    ),
+    "file": ("FILE", "certificate, written by jhd hausdorff or jhd minimum"),
+    "coordinates": ("X", "coordinates of one point: X Y or X Y Z", {"nargs": "*"}),
+    "kinds": ("KIND", f"kinds of shapes: {', '.join(_KINDS)} (default: all)", {"nargs": "*"}),
+    "--box": (
+        "X ...",
+        "box of an implicit surface: LOWER UPPER for all axes, or three lower and then three upper ends",
+    ),
+    "--points": (
+        "FILE",
+        "point file (.xyz, .csv, .txt or .npy) instead of X; - or neither means rows on standard input",
+    ),
+    "--directed": (
+        None,
+        "directed distance, the largest distance from a point of A to B (default: larger of both directions)",
+    ),
+    "--method": (
+        "NAME",
+        "method, a class of jhd or jhd.published (default: BranchAndBound); an unknown name lists all",
+    ),
+    "--atol": ("LENGTH", "largest upper - lower (default: 1e-10 of the diagonal)"),
+    "--rtol": ("FRACTION", "largest upper - lower, relative to upper; the larger tolerance counts (default: 0)"),
+    "--max-seconds": ("S", "time in seconds after which the search ends with the bounds reached (default: none)"),
+    "--threshold": (
+        "LENGTH",
+        "question: is the distance at most LENGTH? The exit status is the answer: 0 yes, 3 no, 1 undecided",
+    ),
+    "--quantile": ("FRACTION", "quantile to print, which must reach the tolerance too, for example 0.95 or 95%%"),
+    "--tolerance": ("LENGTH", "largest certified Hausdorff distance", {"required": True}),
+    "--degree": ("N", "degree of curves (default: 3), and of implicit surfaces in each variable (default: 2)"),
+    "--smooth": (None, "continuous tangents at the joints (default: corners allowed)"),
+    "--mode": (_MODES, "region that is refined: near the surface, or everywhere (default: band)"),
+    "--sign": (_SIGNS, "rule that tells inside from outside (default: winding)"),
+    "--count": ("N", "number of nearest shapes for each query (default: 1)", {"default": 1}),
+    "--store": ("FOLDER", "folder for finished distances; a later call continues from it (default: none)"),
+    "--jobs": ("N", "number of threads (default: one for each processor)"),
+    "--plot": ("FILE", "file for a picture of {}; the suffix selects the format (.png, .svg, .pdf, ...)"),
+    "--html": (
+        "FILE",
+        "file for an HTML page: walk along plane curves, or rotate shapes in space (with the extra jhd[web])",
+    ),
+    "--certificate": ("FILE", "file for a certificate of the bounds, which jhd verify checks"),
+    "--surface": ("FILE", "file for the zero set of the field, with --resolution: .obj, .off, .ply or .stl"),
+    "--resolution": ("N", "number of cells of the zero set along the longest side, 2 to 4096"),
+    "--out": ("FILE", "file for the result: .json"),
+    "--json": (None, "output as JSON only"),
+}
+
 
 def _parser() -> argparse.ArgumentParser:
     """The parser; options.command names the function in jhd._cli.commands."""
@@ -248,200 +313,91 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("-o", "--out", dest="demo", metavar="FILE", help=picture)
     parser.set_defaults(command="demo")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+    two, many = _SHAPES_EPILOG + _LENGTH_EPILOG, _MANY_EPILOG + _LENGTH_EPILOG
+    shown, after = _ARGUMENTS["--plot"][1].format, "time in seconds after which {} (default: none)".format
+    of_many = {"max_seconds": after("no further search begins"), "out": "file for the results: .csv or .json"}
+    only = "method (default: BranchAndBound, the only one for this command)"
 
-    _add_distances(commands)
-    _add_deviation(commands)
-    _add_collections(commands)
-
-    purpose = "fit of a curve by few segments, within a tolerance"
-    fit = _added(commands, "fit", purpose, _LENGTH_EPILOG.lstrip())
-    curve = "curve: a .json, .svg, .igs, .iges, .geojson or .wkt file, font:NAME:LETTER, or SVG path data"
-    fit.add_argument("target", metavar="TARGET", help=curve)
-    tolerance = "largest certified Hausdorff distance"
-    fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
-    fit.add_argument("--degree", type=int, default=3, metavar="N", help="degree of the segments (default: 3)")
-    smooth = "continuous tangents at the joints (default: corners allowed)"
-    fit.add_argument("--smooth", action="store_true", help=smooth)
-    seconds = "time in seconds after which the best fit so far is returned (default: none)"
-    fit.add_argument("--max-seconds", type=lengths.seconds, metavar="S", help=seconds)
-    _add_out(fit, "fitted curve", ".svg or .json")
-    shown = "both curves, the witness and the distance profiles"
-    fit.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
-    fit.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
-
-    verify = _added(commands, "verify", "check of a certificate in exact arithmetic", _SHAPES_EPILOG)
-    verify.add_argument("file", metavar="FILE", help="certificate, written by jhd hausdorff or jhd minimum")
-    both = "both shapes, each a SHAPE, to compare with the shapes of the certificate (default: none)"
-    verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help=both)
-    verify.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-    verify.add_argument(
-        "--max-seconds", type=lengths.seconds, metavar="S", help="time limit in seconds (default: none)"
+    _added(commands, "hausdorff distance", "Hausdorff distance of two shapes, with certified bounds", two).take(
+        "a b --box --directed --method --atol --rtol --max-seconds --threshold --plot --html --certificate --out",
+        plot=shown("both shapes, the witness and, for curves, the distance profiles"),
     )
-
-    _add_others(commands)
-    for command in dict.fromkeys(commands.choices.values()):  # one of two names is there once
-        command.add_argument("--json", action="store_true", help="output as JSON only")
+    _added(commands, "minimum", "minimum distance of two shapes, with certified bounds", two).take(
+        "a b --box --atol --rtol --max-seconds --threshold --plot --certificate --out",
+        plot=shown("both shapes and their nearest points"),
+    )
+    purpose = "distribution of the distance to B over A: maximum, mean, RMS, quantiles"
+    _added(commands, "deviation", purpose, two).take(
+        "a b --box --atol --rtol --max-seconds --threshold --quantile --plot --html --out",
+        a="shape over which distances are taken, not an implicit surface: a SHAPE, see below",
+        b="shape to which distances are taken: a SHAPE, see below",
+        atol="largest upper - lower of maximum, mean and RMS (default: 1e-6 of the diagonal)",
+        rtol={"default": 1e-3, "help": _ARGUMENTS["--rtol"][1].replace("0)", "0.001)")},
+        threshold="distance within which the fraction of A is printed",
+        plot=shown("A colored by its distance to B, with a histogram"),
+    )
+    _added(commands, "pairwise", "two-sided Hausdorff distances of all pairs of many shapes", many).take(
+        "shapes --store --box --method --atol --rtol --max-seconds --jobs --out", **of_many
+    )
+    purpose = "nearest of many shapes by the two-sided Hausdorff distance, certified"
+    _added(commands, "nearest", purpose, many).take(
+        "query shapes --count --plot --html --box --method --atol --rtol --max-seconds --jobs --out",
+        shapes="shapes among which to search, see below",
+        plot=shown("the first queries with their nearest shapes"),
+        html="file for an HTML page with the same picture",
+        method=only,
+        **of_many,
+    )
+    _added(commands, "duplicates", "pairs of many shapes within a two-sided Hausdorff distance", many).take(
+        "shapes --threshold --box --method --atol --rtol --max-seconds --jobs --out",
+        threshold={"required": True, "help": "largest Hausdorff distance of a pair"},
+        method=only,
+        **of_many,
+    )
+    purpose = "fit of a curve by few segments, within a tolerance"
+    _added(commands, "fit", purpose, _LENGTH_EPILOG.lstrip()).take(
+        "target --tolerance --degree --smooth --max-seconds --out --plot --html",
+        degree={"default": 3, "help": "degree of the segments (default: 3)"},
+        max_seconds=after("the best fit so far is returned"),
+        out="file for the fitted curve: .svg or .json",
+        plot=shown("both curves, the witness and the distance profiles"),
+    )
+    both = "both shapes, each a SHAPE, to compare with the shapes of the certificate (default: none)"
+    _added(commands, "verify", "check of a certificate in exact arithmetic", _SHAPES_EPILOG).take(
+        "file shapes --box --max-seconds",
+        shapes={"metavar": "A B", "nargs": "*", "help": both},
+        max_seconds="time limit in seconds (default: none)",
+    )
+    _added(commands, "project", "nearest points of a shape to given points", _SHAPES_EPILOG).take(
+        "shape coordinates --box --points --method --max-seconds --out",
+        method=_ARGUMENTS["--method"][1].replace("BranchAndBound", "chosen by the kind of shape"),
+        max_seconds=after("the finished points are printed"),
+        out="file for the result: .csv or .json",
+    )
+    surface = "mesh, parametric surface or implicit surface: a SHAPE, see below"
+    _added(commands, "field", "distance field of a surface on an octree", two).take(
+        "shape --box --tolerance --max-seconds --out --mode --sign --surface --resolution",
+        shape={"metavar": "SURFACE", "help": surface},
+        tolerance="tolerance of the interpolation",
+        max_seconds=after("the command fails and writes no field"),
+        out={"required": True, "help": "file for the field: .npz"},
+    )
+    purpose = "compile functions for some kinds of shapes in advance, and keep them on disk"
+    _added(commands, "precompile", purpose).take("kinds --degree")
+    _added(commands, "doctor", "versions, devices, cache, and a self-check with a known distance").take("")
     return parser
 
 
-def _added(commands: Any, name: str, purpose: str, epilog: str | None = None, aliases: tuple[str, ...] = ()) -> Any:
-    """A command, whose purpose stands in the list of commands and in its own help."""
-    raw = argparse.RawDescriptionHelpFormatter
-    described = {"help": purpose, "description": f"{purpose[0].upper()}{purpose[1:]}."}
+def _added(commands: Any, names: str, purpose: str, epilog: str = "") -> _Parser:
+    """A command with its aliases, whose purpose stands in the list of commands and in its own help."""
+    name, *aliases = names.split()
     statuses = _STATUSES.get(name, "0 done; 1 bounds not closed; 2 invalid input.")
-    ends = f"{epilog}\nExit status: {statuses}" if epilog else f"Exit status: {statuses}"
-    parser = commands.add_parser(name, aliases=aliases, epilog=ends, formatter_class=raw, **described)
+    described = {"help": purpose, "description": f"{purpose[0].upper()}{purpose[1:]}."}
+    described["epilog"] = f"{epilog}\nExit status: {statuses}" if epilog else f"Exit status: {statuses}"
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = commands.add_parser(name, aliases=aliases, formatter_class=raw, **described)
     parser.set_defaults(command=name)
     return parser
-
-
-def _add_distances(commands: Any) -> None:
-    """Hausdorff distance and minimum distance of two shapes."""
-    epilog = _SHAPES_EPILOG + _LENGTH_EPILOG
-    purpose = "Hausdorff distance of two shapes, with certified bounds"
-    distance = _added(commands, "hausdorff", purpose, epilog, ("distance",))
-    _add_shapes(distance)
-    directed = "directed distance, the largest distance from a point of A to B (default: larger of both directions)"
-    distance.add_argument("--directed", action="store_true", help=directed)
-    distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("BranchAndBound"))
-    _add_tolerances(distance)
-    _add_max_seconds(distance)
-    distance.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
-    shown = "both shapes, the witness and, for curves, the distance profiles"
-    distance.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
-    distance.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
-    distance.add_argument("--certificate", metavar="FILE", help=_CERTIFICATE_HELP)
-    _add_out(distance, "result", ".json")
-
-    minimum = _added(commands, "minimum", "minimum distance of two shapes, with certified bounds", epilog)
-    _add_shapes(minimum)
-    _add_tolerances(minimum)
-    _add_max_seconds(minimum)
-    minimum.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
-    minimum.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format("both shapes and their nearest points"))
-    minimum.add_argument("--certificate", metavar="FILE", help=_CERTIFICATE_HELP)
-    _add_out(minimum, "result", ".json")
-
-
-def _add_others(commands: Any) -> None:
-    """Nearest points, fields, and the compiled functions on disk."""
-    project = _added(commands, "project", "nearest points of a shape to given points", _SHAPES_EPILOG)
-    project.add_argument("shape", metavar="SHAPE", type=_as_given, help="shape, see below")
-    point = "coordinates of one point: X Y or X Y Z"
-    project.add_argument("coordinates", metavar="X", nargs="*", type=float, help=point)
-    project.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-    rows = "point file (.xyz, .csv, .txt or .npy) instead of X; - or neither means rows on standard input"
-    project.add_argument("--points", metavar="FILE", help=rows)
-    project.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("chosen by the kind of shape"))
-    _add_max_seconds(project, "time in seconds after which the finished points are printed (default: none)")
-    _add_out(project, "result", ".csv or .json")
-
-    field = _added(commands, "field", "distance field of a surface on an octree", _SHAPES_EPILOG + _LENGTH_EPILOG)
-    surface = "mesh, parametric surface or implicit surface: a SHAPE, see below"
-    field.add_argument("shape", metavar="SURFACE", type=_as_given, help=surface)
-    field.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-    tolerance = "tolerance of the interpolation"
-    field.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
-    _add_max_seconds(field, "time in seconds after which the command fails and writes no field (default: none)")
-    _add_out(field, "field", ".npz", required=True)
-    refined = "region that is refined: near the surface, or everywhere (default: band)"
-    field.add_argument("--mode", choices=_MODES, default="band", help=refined)
-    sign = "rule that tells inside from outside (default: winding)"
-    field.add_argument("--sign", choices=_SIGNS, default="winding", help=sign)
-    surface = "file for the zero set of the field, with --resolution: .obj, .off, .ply or .stl"
-    field.add_argument("--surface", metavar="FILE", help=surface)
-    resolution = "number of cells of the zero set along the longest side, 2 to 4096"
-    field.add_argument("--resolution", type=int, metavar="N", help=resolution)
-
-    precompile = _added(
-        commands, "precompile", "compile functions for some kinds of shapes in advance, and keep them on disk"
-    )
-    precompile.add_argument(
-        "kinds", metavar="KIND", nargs="*", help=f"kinds of shapes: {', '.join(_KINDS)} (default: all)"
-    )
-    degree = "degree of curves (default: 3), and of implicit surfaces in each variable (default: 2)"
-    precompile.add_argument("--degree", type=int, metavar="N", help=degree)
-
-    _added(commands, "doctor", "versions, devices, cache, and a self-check with a known distance")
-
-
-def _add_shapes(parser: Any, first: str = "first shape", second: str = "second shape") -> None:
-    parser.add_argument("a", metavar="A", type=_as_given, help=f"{first}: a SHAPE, see below")
-    parser.add_argument("b", metavar="B", type=_as_given, help=f"{second}: a SHAPE, see below")
-    parser.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-
-
-def _add_deviation(commands: Any) -> None:
-    purpose = "distribution of the distance to B over A: maximum, mean, RMS, quantiles"
-    parser = _added(commands, "deviation", purpose, _SHAPES_EPILOG + _LENGTH_EPILOG)
-    _add_shapes(
-        parser, "shape over which distances are taken, not an implicit surface", "shape to which distances are taken"
-    )
-    atol = "largest upper - lower of maximum, mean and RMS (default: 1e-6 of the diagonal)"
-    _add_tolerances(parser, atol, 1e-3)
-    _add_max_seconds(parser)
-    within = "distance within which the fraction of A is printed"
-    parser.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=within)
-    quantile = "quantile to print, which must reach the tolerance too, for example 0.95 or 95%%"
-    parser.add_argument("--quantile", type=lengths.fraction, metavar="FRACTION", help=quantile)
-    shown = "A colored by its distance to B, with a histogram"
-    parser.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
-    parser.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
-    _add_out(parser, "result", ".json")
-
-
-def _add_tolerances(parser: Any, atol: str = _ATOL_HELP, rtol: float | None = None) -> None:
-    parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=atol)
-    help_ = _RTOL_HELP.format("0" if rtol is None else f"{rtol:g}")
-    parser.add_argument("--rtol", type=lengths.fraction, default=rtol, metavar="FRACTION", help=help_)
-
-
-def _add_max_seconds(parser: Any, limit: str = _SECONDS_HELP) -> None:
-    parser.add_argument("--max-seconds", type=lengths.seconds, metavar="S", help=limit)
-
-
-def _add_out(parser: Any, content: str, suffixes: str, required: bool = False) -> None:
-    help_ = _OUT_HELP.format(content, suffixes)
-    parser.add_argument("-o", "--out", required=required, metavar="FILE", help=help_)
-
-
-def _add_search(parser: Any, method: str = "method (default: BranchAndBound, the only one for this command)") -> None:
-    """Options that all commands on collections have."""
-    parser.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-    parser.add_argument("--method", metavar="NAME", help=method)
-    _add_tolerances(parser)
-    _add_max_seconds(parser, "time in seconds after which no further search begins (default: none)")
-    parser.add_argument("--jobs", type=int, metavar="N", help="number of threads (default: one for each processor)")
-    _add_out(parser, "results", ".csv or .json")
-
-
-def _add_collections(commands: Any) -> None:
-    epilog = _MANY_EPILOG + _LENGTH_EPILOG
-    pairwise = _added(commands, "pairwise", "two-sided Hausdorff distances of all pairs of many shapes", epilog)
-    pairwise.add_argument("shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes, see below")
-    store = "folder for finished distances; a later call continues from it (default: none)"
-    pairwise.add_argument("--store", metavar="FOLDER", help=store)
-
-    nearest = _added(
-        commands, "nearest", "nearest of many shapes by the two-sided Hausdorff distance, certified", epilog
-    )
-    nearest.add_argument("query", metavar="QUERY", type=_as_given, help="query shape or shapes, see below")
-    nearest.add_argument(
-        "shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes among which to search, see below"
-    )
-    count = "number of nearest shapes for each query (default: 1)"
-    nearest.add_argument("-k", "--count", type=int, default=1, metavar="N", help=count)
-    shown = "the first queries with their nearest shapes"
-    nearest.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
-    nearest.add_argument("--html", metavar="FILE", help="file for an HTML page with the same picture")
-
-    duplicates = _added(commands, "duplicates", "pairs of many shapes within a two-sided Hausdorff distance", epilog)
-    duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes, see below")
-    threshold = "largest Hausdorff distance of a pair"
-    duplicates.add_argument("--threshold", type=lengths.length, required=True, metavar="LENGTH", help=threshold)
-    _add_search(pairwise, _METHOD_HELP.format("BranchAndBound"))
-    for command in (nearest, duplicates):
-        _add_search(command)
 
 
 if __name__ == "__main__":
