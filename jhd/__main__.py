@@ -311,7 +311,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"jhd {jhd.__version__}")
     picture = "file for the picture of the demonstration (default: jhd-demo.png)"
     parser.add_argument("-o", "--out", dest="demo", metavar="FILE", help=picture)
-    parser.set_defaults(command="demo")
+    parser.set_defaults(command="demo", html=None)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     two, many = _SHAPES_EPILOG + _LENGTH_EPILOG, _MANY_EPILOG + _LENGTH_EPILOG
     shown, after = _ARGUMENTS["--plot"][1].format, "time in seconds after which {} (default: none)".format

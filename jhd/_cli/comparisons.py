@@ -63,48 +63,86 @@ _STATUS = {"yes": 0, "no": 3, "undecided": 1}
 
 def hausdorff(options: Namespace) -> int:
     """The (directed) Hausdorff distance of two shapes, or whether it is at most a threshold."""
+    entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
+    decide = partial(jhd.hausdorff_at_most, directed=options.directed)
+    title = "directed distance from A to B" if options.directed else "Hausdorff distance"
+    early = "the search ends before the farthest point is known"
+
+    def text(a: Any, b: Any, found: HausdorffSolution, size: float) -> str:
+        head = "the bounds reached" if interrupted(found) else title
+        lines = solution_text(head, found, {"A": kind_of(a), "B": kind_of(b)}, *names_of(found), size)
+        return lines if found.directions is None else f"{lines}\n\n{directions_text(*found.directions)}"
+
+    return _measured(options, title, entry, decide, early, _draw, text, directed=options.directed)
+
+
+def minimum(options: Namespace) -> int:
+    """The minimum distance of two shapes and their nearest points, or whether it is at most a threshold."""
+    title, early = "minimum distance", "the nearest points are not known"
+    calls = jhd.minimum_distance, jhd.minimum_at_most
+    return _measured(options, title, *calls, early, minimum_picture, lambda a, b, *found: minimum_text(*found))
+
+
+def _measured(
+    options: Namespace, title: str, entry: Any, decide: Any, early: str, draw: Any, text: Any, **named: Any
+) -> int:
+    """Print a distance, or the answer whether it is at most the threshold, and return the exit status.
+
+    Args:
+        options: the parsed options.
+        title: the name of the distance.
+        entry: the function that computes it.
+        decide: the function that answers the question; its search ends as soon as the answer is known.
+        early: the reason why an answer has no picture, page or certificate.
+        draw: writes the picture of a distance.
+        text: the lines about a distance.
+        named: facts that are stored and printed with the method; without any, the method is not named.
+    """
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     method = search_of(options, a, b)
     check_drawn(options, a.dim)
     check_writable(options.certificate)
     check_writable(options.out, ".json")
+    named |= {"method": method_name(method)} if named else {}
+    asked = {"a": options.a, "b": options.b, **named, **tolerances_of(options, a, b), **box_of(a, b)}
+    given = [name for name in ("plot", "html", "certificate") if getattr(options, name)]
+    compute = partial(entry, a, b, throw=False)
     if options.threshold is not None:
-        return _distance_at_most(options, a, b, method)
-    entry, limit = jhd.directed_hausdorff if options.directed else jhd.hausdorff, {"max_seconds": options.max_seconds}
+        if given:
+            raise ValueError(f"--{given[0]}: with --threshold {early}; leave it out.")
+        asked["threshold"] = options.threshold.of(a, b)
+        compute = partial(decide, a, b, asked["threshold"])
     with busy("computing; a first run compiles") as show:
-        solution, seconds = timed(lambda: entry(a, b, method, throw=False, **limit, progress=show))
-    stopped, written = interrupted(solution), False
-    if not stopped:
-        if options.plot:
-            with busy("drawing"):
-                _draw(options.plot, a, b, solution)
-        if options.html:
-            write_page(options.html, a, b, solution)
-        written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
-    status = 1 if options.certificate and not (written or stopped) else exit_status(solution)
-    asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
-    asked |= {**tolerances_of(options, a, b), **box_of(a, b)}
-    if delivered(options, solution, **asked, diagonal=size, seconds=seconds):
-        return status
-    kinds = {"A": kind_of(a), "B": kind_of(b)}
-    if stopped:
-        print(solution_text("the bounds reached", solution, kinds, *names_of(solution), size))
-        print_files(result=options.out)
+        chosen = {"method": method, "max_seconds": options.max_seconds, "progress": show}
+        found, seconds = timed(lambda: compute(**chosen))
+    status, stopped = exit_status(found), interrupted(found)
+    files = {} if stopped else _written(options, a, b, found, draw)
+    if options.threshold is not None and not stopped:
+        status = _STATUS[name_of(found.answer)]
+    if options.certificate and not stopped and not files["proof"]:
+        status = 1
+    if delivered(options, found, **asked, diagonal=size, seconds=seconds):
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
-    print(solution_text(_title(options), solution, kinds, *names_of(solution), size), end="\n\n")
-    if solution.directions is not None:
-        print(directions_text(*solution.directions), end="\n\n")
-    print(f"method     {method_name(method)}")
+    decided = isinstance(found, Decision)
+    print(decision_text(title, found, asked["threshold"], size) if decided else text(a, b, found, size), end="\n\n")
+    if named:
+        print(f"method     {named['method']}")
     _print_run(seconds, size)
-    proof = options.certificate if written else None
-    print_files(picture=options.plot, page=options.html, proof=proof, result=options.out)
+    print_files(**files, result=options.out)
     return status
 
 
-def _title(options: Namespace) -> str:
-    return "directed distance from A to B" if options.directed else "Hausdorff distance"
+def _written(options: Namespace, a: Any, b: Any, found: Any, draw: Any) -> dict[str, str | None]:
+    """Write the picture, the page and the certificate of a distance, and return the names of the files."""
+    if options.plot:
+        with busy("drawing"):
+            draw(options.plot, a, b, found)
+    if options.html:
+        write_page(options.html, a, b, found)
+    proof = options.certificate if options.certificate and _certified(options.certificate, a, b, found) else None
+    return {"picture": options.plot, "page": options.html, "proof": proof}
 
 
 def _print_run(seconds: float, size: float) -> None:
@@ -112,74 +150,6 @@ def _print_run(seconds: float, size: float) -> None:
     print(f"diagonal   {size!r}, of the joint bounding box")
     print(f"time       {seconds:.2f} s with compilation")
     print(f"device     {device()}, {precision()}")
-
-
-def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
-    """Whether the distance is at most the threshold, by a search that ends as soon as this is decided."""
-    given = {"--plot": options.plot, "--html": options.html, "--certificate": options.certificate}
-    if any(given.values()):
-        name = next(name for name, value in given.items() if value)
-        raise ValueError(f"{name}: with --threshold the search ends before the farthest point is known; leave it out.")
-    limit = options.threshold.of(a, b)
-    chosen = {"directed": options.directed, "max_seconds": options.max_seconds}
-    decide = partial(jhd.hausdorff_at_most, a, b, limit, method, **chosen)
-    with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: decide(progress=show))
-    asked = {"directed": options.directed, "method": method_name(method)}
-    return _print_decision(options, a, b, _title(options), found, seconds, asked)
-
-
-def _print_decision(
-    options: Namespace, a: Any, b: Any, title: str, found: Decision, seconds: float, asked: dict[str, Any]
-) -> int:
-    """Print the answer with the bounds reached, and return its exit status."""
-    size, limit = rounded_diagonal(a, b), options.threshold.of(a, b)
-    status = INTERRUPTED if interrupted(found) else _STATUS[name_of(found.answer)]
-    asked |= {"a": options.a, "b": options.b, "threshold": limit, **tolerances_of(options, a, b), **box_of(a, b)}
-    if delivered(options, found, **asked, diagonal=size, seconds=seconds):
-        return status
-    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
-    print(decision_text(title, found, limit, size), end="\n\n")
-    _print_run(seconds, size)
-    print_files(result=options.out)
-    return status
-
-
-def minimum(options: Namespace) -> int:
-    """The minimum distance of two shapes and their nearest points, or whether it is at most a threshold."""
-    a, b = shapes_of(options)
-    size = rounded_diagonal(a, b)
-    method = search_of(options, a, b)
-    if options.plot:
-        check_picture_file(options.plot)
-    check_writable(options.certificate)
-    check_writable(options.out, ".json")
-    chosen: dict[str, Any] = {"method": method, "max_seconds": options.max_seconds}
-    if options.threshold is not None:
-        if options.certificate or options.plot:
-            name = "--certificate" if options.certificate else "--plot"
-            raise ValueError(f"{name}: with --threshold the nearest points are not known; leave it out.")
-        limit = options.threshold.of(a, b)
-        with busy("computing; a first run compiles") as show:
-            decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, **chosen, progress=show))
-        return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
-    with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: jhd.minimum_distance(a, b, throw=False, **chosen, progress=show))
-    stopped = interrupted(found)
-    if options.plot and not stopped:
-        with busy("drawing"):
-            minimum_picture(options.plot, a, b, found)
-    written = bool(options.certificate) and not stopped and _certified(options.certificate, a, b, found)
-    status = 1 if options.certificate and not (written or stopped) else exit_status(found)
-    asked = {"a": options.a, "b": options.b, **tolerances_of(options, a, b), **box_of(a, b)}
-    if delivered(options, found, **asked, diagonal=size, seconds=seconds):
-        return status
-    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
-    print(minimum_text(found, size), end="\n\n")
-    _print_run(seconds, size)
-    drawn, proof = None if stopped else options.plot, options.certificate if written else None
-    print_files(picture=drawn, proof=proof, result=options.out)
-    return status
 
 
 def deviation(options: Namespace) -> int:
