@@ -1,7 +1,20 @@
-"""Shapes as JSON: one object with a `type` and the arrays that its constructor takes, points as rows.
+"""Curves and parametric surfaces as JSON: one object with a `type` and the arrays that its constructor takes.
 
-`jhd._io.curves` and `jhd._io.surfaces` hold the tables of types and keys. A key `comment` is allowed everywhere, and
-keys whose value is null count as absent. Floats are written so that the same floats are read back.
+| type | keys (optional ones in brackets) |
+|---|---|
+| `BezierCurve` | `control_points`, [`weights`] |
+| `BSplineCurve` | `control_points`, `knots`, [`weights`], [`periodic`] |
+| `BezierSegments` | `control_points`, [`weights`], [`next_segment`] |
+| `polyline` | `points`, [`closed`] |
+| `points` | `points` |
+| `circle` | `center`, `radius` |
+| `BezierPatch` | `control_points` (rows, columns, 3), [`weights`] (rows, columns) |
+| `BSplineSurface` | `control_points` (rows, columns, 3), `knots_u`, `knots_v`, [`weights`] (rows, columns) |
+| `BezierPatches` | `control_points` (patches, rows, columns, 3), [`weights`] (patches, rows, columns) |
+
+Points are rows. `polyline`, `points` and `circle` are for files written by hand; saved files use the other types.
+`knots_u` belong to the rows. Degrees follow from the numbers of knots, rows and columns. A key `comment` is always
+allowed, and keys whose value is null count as absent. Floats are written so that the same floats are read back.
 """
 
 import json
@@ -12,7 +25,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jhd._io.errors import ParseError, read_text, shown
+from jhd._io.iges import IGES_SUFFIXES
+from jhd._io.iges_writer import save_iges
+from jhd._io.svg import load_svg, save_svg
 from jhd._runtime.files import replace_file
+from jhd._shapes.bezier import BezierCurve
+from jhd._shapes.bspline import BSplineCurve
+from jhd._shapes.bspline_surface import BSplineSurface
+from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd._shapes.patch import AbstractPatch, BezierPatch, BezierPatches
+from jhd._shapes.simple_curves import circle, point_set, polyline
 
 _FLAGS = ("closed", "periodic")
 
@@ -28,8 +50,224 @@ class DescribedKind(NamedTuple):
 # Types by their names.
 Kinds = Mapping[str, DescribedKind]
 
+CURVE_KINDS: Kinds = {
+    "BezierCurve": DescribedKind(BezierCurve, ("control_points",), ("weights",)),
+    "BSplineCurve": DescribedKind(BSplineCurve, ("control_points", "knots"), ("weights", "periodic")),
+    "BezierSegments": DescribedKind(BezierSegments, ("control_points",), ("weights", "next_segment")),
+    "polyline": DescribedKind(polyline, ("points",), ("closed",)),
+    "points": DescribedKind(point_set, ("points",)),
+    "circle": DescribedKind(circle, ("center", "radius")),
+}
+SURFACE_KINDS: Kinds = {
+    "BezierPatch": DescribedKind(BezierPatch, ("control_points",), ("weights",)),
+    "BSplineSurface": DescribedKind(BSplineSurface, ("control_points", "knots_u", "knots_v"), ("weights",)),
+    "BezierPatches": DescribedKind(BezierPatches, ("control_points",), ("weights",)),
+}
 
-def described(shape: Any, kind: DescribedKind) -> dict[str, Any]:
+
+def curve_to_dict(curve: AbstractCurve) -> dict[str, object]:
+    """A dictionary of a curve for JSON: its type and its arrays as nested lists, without empty keys.
+
+    >>> import jhd
+    >>> jhd.io.curve_to_dict(jhd.BezierCurve([[0, 0], [1, 2], [2, 0]]))
+    {'type': 'BezierCurve', 'control_points': [[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]}
+
+    Args:
+        curve: a BezierCurve, a BSplineCurve or BezierSegments.
+
+    Returns:
+        A dictionary that `curve_from_dict` converts back to the same curve.
+
+    Raises:
+        TypeError: a curve of another type, or not a curve.
+    """
+    check_curve("curve", curve)
+    name = type(curve).__name__
+    if name not in CURVE_KINDS:
+        raise TypeError(f"files of curves hold {', '.join(list(CURVE_KINDS)[:3])}; got {name}.")
+    return _described(curve, CURVE_KINDS[name])
+
+
+def curve_from_dict(content: Mapping[str, object]) -> AbstractCurve:
+    """The curve that a dictionary describes: the inverse of `curve_to_dict`.
+
+    >>> import jhd
+    >>> content = {"type": "polyline", "points": [[0, 0], [1, 0], [1, 1]], "closed": True}
+    >>> jhd.io.curve_from_dict(content).segments().count
+    3
+
+    Args:
+        content: a dictionary with the key `type`: "BezierCurve" (keys `control_points`, optional `weights`),
+            "BSplineCurve" (also `knots`, optional `periodic`), "BezierSegments" (optional `next_segment`), "polyline"
+            (`points`, optional `closed`), "points" (`points`) or "circle" (`center`, `radius`). A key `comment` is
+            ignored.
+
+    Returns:
+        The curve.
+
+    Raises:
+        TypeError: `content` is not a dictionary.
+        ValueError: the type is missing or unknown, a key is missing or unknown, or the constructor refuses a value.
+    """
+    return _built("curve", content, CURVE_KINDS)
+
+
+def save_curve(file: str | Path, curve: AbstractCurve) -> None:
+    """Write a curve to a file; the suffix selects the format.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import jhd
+    >>> with TemporaryDirectory() as folder:
+    ...     jhd.io.save_curve(f"{folder}/curve.json", jhd.BezierCurve([[0, 0], [1, 2], [2, 0]]))
+    ...     jhd.io.load_curve(f"{folder}/curve.json").control_points.tolist()
+    [[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]
+
+    Args:
+        file: name with the suffix .json (one key per line), .svg (see `save_svg`), .igs or .iges (see `save_iges`). An
+            existing file is replaced.
+        curve: a BezierCurve, a BSplineCurve or BezierSegments.
+
+    Returns:
+        None.
+
+    Raises:
+        TypeError: a curve of another type, or not a curve.
+        ValueError: another suffix, or a curve that the format cannot hold, for example a curve in space in SVG.
+    """
+    suffix = _known_suffix("curve", file, (".json", ".svg", *IGES_SUFFIXES))
+    check_curve("curve", curve)
+    if suffix == ".json":
+        _save_json(file, curve_to_dict(curve))
+    else:
+        (save_svg if suffix == ".svg" else save_iges)(file, curve)
+
+
+def load_curve(file: str | Path) -> AbstractCurve:
+    """Load a curve from a JSON or SVG file; `load_shape` reads other formats too.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import jhd
+    >>> with TemporaryDirectory() as folder:
+    ...     jhd.io.save_curve(f"{folder}/corner.svg", jhd.polyline([[0, 0], [1, 0], [1, 1]]))
+    ...     jhd.io.load_curve(f"{folder}/corner.svg").count
+    2
+
+    Args:
+        file: name of a file written by `save_curve` or by hand (see `curve_from_dict`), or an SVG file.
+
+    Returns:
+        The curve; for SVG everything that the file draws, see `load_svg`.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ParseError: text that is not JSON, with line and column; JSON that does not describe a curve, with the key; or
+            an SVG file that `load_svg` refuses.
+    """
+    if Path(file).suffix.lower() == ".svg":
+        return load_svg(file)
+    return load_described("curve", file, CURVE_KINDS)
+
+
+def surface_to_dict(surface: AbstractPatch) -> dict[str, object]:
+    """A dictionary of a surface for JSON: its type and its arrays as nested lists, without empty keys.
+
+    >>> import jhd
+    >>> net = [[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
+    >>> sorted(jhd.io.surface_to_dict(jhd.BezierPatch(net)))
+    ['control_points', 'type']
+
+    Args:
+        surface: a BezierPatch, a BSplineSurface or BezierPatches.
+
+    Returns:
+        A dictionary that `surface_from_dict` converts back to the same surface.
+
+    Raises:
+        TypeError: a surface of another type, or not a parametric surface.
+    """
+    name = type(surface).__name__
+    if name not in SURFACE_KINDS:
+        raise TypeError(f"files of surfaces hold {', '.join(SURFACE_KINDS)}; got {name}.")
+    return _described(surface, SURFACE_KINDS[name])
+
+
+def surface_from_dict(content: Mapping[str, object]) -> AbstractPatch:
+    """The surface that a dictionary describes: the inverse of `surface_to_dict`.
+
+    >>> import jhd
+    >>> net = [[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
+    >>> jhd.io.surface_from_dict({"type": "BezierPatch", "control_points": net})(0.5, 0.5).tolist()
+    [1.0, 1.0, 1.0]
+
+    Args:
+        content: a dictionary with the key `type`: "BezierPatch" or "BezierPatches" (keys `control_points`, optional
+            `weights`), or "BSplineSurface" (also `knots_u` and `knots_v`). A key `comment` is ignored.
+
+    Returns:
+        The surface.
+
+    Raises:
+        TypeError: `content` is not a dictionary.
+        ValueError: the type is missing or unknown, a key is missing or unknown, or the constructor refuses a value.
+    """
+    return _built("surface", content, SURFACE_KINDS)
+
+
+def save_surface(file: str | Path, surface: AbstractPatch) -> None:
+    """Write a parametric surface to a file; the suffix selects the format.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import jhd
+    >>> patch = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
+    >>> with TemporaryDirectory() as folder:
+    ...     jhd.io.save_surface(f"{folder}/patch.json", patch)
+    ...     jhd.io.load_surface(f"{folder}/patch.json").degrees
+    (1, 1)
+
+    Args:
+        file: name with the suffix .json (one key per line), .igs or .iges (see `save_iges`). An existing file is
+            replaced.
+        surface: a BezierPatch, a BSplineSurface or BezierPatches.
+
+    Returns:
+        None.
+
+    Raises:
+        TypeError: a surface of another type, or not a parametric surface.
+        ValueError: another suffix.
+    """
+    content = surface_to_dict(surface)
+    if _known_suffix("surface", file, (".json", *IGES_SUFFIXES)) == ".json":
+        _save_json(file, content)
+    else:
+        save_iges(file, surface)
+
+
+def load_surface(file: str | Path) -> AbstractPatch:
+    """Load a parametric surface from a JSON file; `load_iges` and `load_shape` read IGES files.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import jhd
+    >>> patch = jhd.BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
+    >>> with TemporaryDirectory() as folder:
+    ...     jhd.io.save_surface(f"{folder}/patch.json", patch)
+    ...     jhd.io.load_surface(f"{folder}/patch.json").degrees
+    (1, 1)
+
+    Args:
+        file: name of a file written by `save_surface`, or by hand (see `surface_from_dict`).
+
+    Returns:
+        The surface.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ParseError: text that is not JSON, with line and column; or JSON that does not describe a surface, with the key.
+    """
+    return load_described("surface", file, SURFACE_KINDS)
+
+
+def _described(shape: Any, kind: DescribedKind) -> dict[str, Any]:
     """The shape as JSON can hold it: its type and its arrays as nested lists; keys without a value are left out."""
     fields = {key: getattr(shape, key) for key in (*kind.needed, *kind.optional)}
     return {"type": type(shape).__name__} | {
@@ -39,7 +277,7 @@ def described(shape: Any, kind: DescribedKind) -> dict[str, Any]:
     }
 
 
-def built(what: str, content: Any, kinds: Kinds) -> Any:
+def _built(what: str, content: Any, kinds: Kinds) -> Any:
     """The shape of one of the kinds that a dictionary describes.
 
     Raises:
@@ -77,7 +315,7 @@ def _check_keys(name: str, kind: DescribedKind, given: Mapping[str, Any]) -> Non
             raise ValueError(f"{key} holds true or false; needs numbers.")
 
 
-def check_suffix(what: str, file: str | Path, known: tuple[str, ...]) -> str:
+def _known_suffix(what: str, file: str | Path, known: tuple[str, ...]) -> str:
     """The suffix of a file to write, in lower case.
 
     Raises:
@@ -92,7 +330,7 @@ def check_suffix(what: str, file: str | Path, known: tuple[str, ...]) -> str:
     return suffix
 
 
-def save_described(file: str | Path, content: Mapping[str, Any]) -> None:
+def _save_json(file: str | Path, content: Mapping[str, Any]) -> None:
     """Write a described shape as JSON, one key a line."""
     lines = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in content.items()]
     replace_file(file, "{\n" + ",\n".join(lines) + "\n}\n")
@@ -114,7 +352,7 @@ def load_described(what: str, file: str | Path, kinds: Kinds) -> Any:
         message = f"{error.reason[:-1]}; load_shape reads formats other than JSON."
         raise ParseError(message, file, error.line, error.column) from None
     try:
-        return built(what, content, kinds)
+        return _built(what, content, kinds)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ParseError(str(error), file) from error
 

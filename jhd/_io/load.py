@@ -5,8 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from jhd._io.clouds import CLOUD_SUFFIXES, load_points
-from jhd._io.curves import CURVE_KINDS
-from jhd._io.described import load_described
+from jhd._io.described import CURVE_KINDS, SURFACE_KINDS, load_described
 from jhd._io.errors import ParseError, read_bytes
 from jhd._io.geometries import GEOMETRY_SUFFIXES, load_geometry
 from jhd._io.glyphs import load_glyph, parse_font_spec
@@ -14,7 +13,6 @@ from jhd._io.iges import IGES_SUFFIXES, load_iges, united
 from jhd._io.meshes import MESH_SUFFIXES, SCENE_SUFFIXES, load_mesh
 from jhd._io.ply import read_ply
 from jhd._io.polygons import mesh_of
-from jhd._io.surfaces import SURFACE_KINDS
 from jhd._io.svg import load_svg, parse_path
 from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.mesh import TriangleMesh

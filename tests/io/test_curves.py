@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jhd._io.curves import curve_from_dict, curve_to_dict, load_curve, save_curve
+from jhd._io.described import curve_from_dict, curve_to_dict, load_curve, save_curve
 from jhd._io.errors import ParseError
 from jhd._io.load import load_shape
 from jhd._shapes.bezier import BezierCurve

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jhd._io.curves import save_curve
+from jhd._io.described import save_curve
 from jhd._io.errors import ParseError
 from jhd._io.glyphs import load_glyph
 from jhd._io.load import load_shape

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jhd.io
+from jhd._io.described import load_surface, save_surface, surface_from_dict, surface_to_dict
 from jhd._io.errors import ParseError
-from jhd._io.surfaces import load_surface, save_surface, surface_from_dict, surface_to_dict
 from jhd._shapes.bezier import BezierCurve
 from jhd._shapes.bspline_surface import BSplineSurface
 from jhd._shapes.patch import BezierPatch, BezierPatches
