@@ -6,7 +6,6 @@ therefore convex combinations inside the domain, and knots of any multiplicity a
 Source: Piegl & Tiller, The NURBS Book (1997), chapters 2 to 5.
 """
 
-import operator
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -25,7 +24,18 @@ from jhd._shapes.curve import AbstractCurve, BezierSegments
 from jhd._shapes.foreign import SciPySpline
 from jhd._shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd._shapes.joints import completed
-from jhd._shapes.knots import bezier_pieces, evaluate, insert, not_repeated, parted, ratio, tolerance, unrolled
+from jhd._shapes.knots import (
+    bezier_pieces,
+    check_knots,
+    checked_degree,
+    clamped_knots,
+    evaluate,
+    insert,
+    parted,
+    ratio,
+    tolerance,
+    unrolled,
+)
 from jhd._shapes.unchecked import segments_of
 
 _NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(points, degree) or .uniform(..., periodic=True)"
@@ -80,10 +90,8 @@ class BSplineCurve(AbstractCurve):
         self.weights = None if weights is None else real_array("weights", weights)
         self.periodic = bool(periodic)
         check_control_points(self.control_points, self.weights, ("points", "dim"))
-        _check_counts(self.control_points.shape[0], self.knots.shape, self.periodic)
+        check_knots("knots", self.knots, "points", self.control_points.shape[0], self.periodic)
         check_degrees(self.control_points.dtype, self.degree)
-        if not is_traced(self.knots):
-            _check_knots(np.asarray(self.knots), self.control_points.shape[0], self.periodic)
 
     @classmethod
     @belongs(closed="write periodic=True")
@@ -109,7 +117,7 @@ class BSplineCurve(AbstractCurve):
             ValueError: arguments that the class refuses, or a negative degree.
             TypeError: arguments that the class refuses, or a degree that is not an integer.
         """
-        points, degree = _rows(control_points), _checked_degree(degree)
+        points, degree = _rows(control_points), checked_degree(degree)
         return cls(points, np.arange(points.shape[0] + degree + 1.0), weights, periodic)
 
     @classmethod
@@ -134,9 +142,8 @@ class BSplineCurve(AbstractCurve):
             ValueError: arguments that the class refuses, or a negative degree.
             TypeError: arguments that the class refuses, or a degree that is not an integer.
         """
-        points, degree = _rows(control_points), _checked_degree(degree)
-        count = points.shape[0]
-        return cls(points, np.clip(np.arange(count + degree + 1.0) - degree, 0, max(count - degree, 0)), weights)
+        points = _rows(control_points)
+        return cls(points, clamped_knots(points.shape[0], degree), weights)
 
     @classmethod
     def from_scipy(cls, spline: SciPySpline) -> "BSplineCurve":
@@ -163,7 +170,7 @@ class BSplineCurve(AbstractCurve):
         """
         if not all(hasattr(spline, name) for name in ("t", "c", "k")):
             raise TypeError(f"spline must be a scipy.interpolate.BSpline (t, c and k); got {type(spline).__name__}.")
-        knots, degree = np.asarray(spline.t, dtype=float), _checked_degree(spline.k)
+        knots, degree = np.asarray(spline.t, dtype=float), checked_degree(spline.k)
         # scipy ignores coefficients beyond the number that the knots ask for.
         points = np.asarray(spline.c)[: len(knots) - degree - 1]
         if points.ndim != 2 or points.shape[1] not in (2, 3):
@@ -353,30 +360,6 @@ def _refuse_degree(name: str, given: object) -> None:
         raise TypeError(f"{name} is {given}; BSplineCurve() takes no degree: {_NO_DEGREE}.")
 
 
-def _checked_degree(degree: Any) -> int:
-    try:
-        value = operator.index(degree)
-    except TypeError as error:
-        raise TypeError(f"degree must be an integer; got {degree!r}.") from error
-    if value < 0:
-        raise ValueError(f"degree is {value}; needs at least 0.")
-    return value
-
-
-def _check_counts(count: int, shape: tuple[int, ...], periodic: bool) -> None:
-    if len(shape) != 1:
-        raise ValueError(f"knots has shape {shape}; needs (knots,).")
-    degree = shape[0] - count - 1
-    if degree < 0:
-        raise ValueError(f"knots has {shape[0]} entries; {count} control points need at least {count + 1}.")
-    needed = max(degree, 1) if periodic else degree + 1
-    if count < needed:
-        kind = "periodic degree" if periodic else "degree"
-        raise ValueError(
-            f"control_points has {count} points; {kind} {degree} ({shape[0]} knots) needs at least {needed}."
-        )
-
-
 def _unrolled(points: Any, weights: Any, knots: Any, periodic: bool) -> tuple[Any, Any]:
     h, p = homogeneous(points, weights), knots.shape[0] - points.shape[0] - 1
     return module_of(h).concatenate([h, h[:p]]) if periodic else h, unrolled(knots, p, periodic)
@@ -398,7 +381,7 @@ def _joined_pieces(arrays: Sequence[Any], periodic: bool) -> tuple[Any, Any, Any
     else:
         # An optimizer may have changed the knots since the constructor checked them.
         knots = np.asarray(knots)
-        _check_knots(knots, points.shape[0], periodic)
+        check_knots("knots", knots, "points", points.shape[0], periodic)
         # On the host: a function would be compiled for every number of points.
         with np.errstate(over="ignore", invalid="ignore"):
             points, weights, jumps = _pieces(points, weights, knots, periodic)
@@ -416,26 +399,6 @@ def _pieces(points: Any, weights: Any, knots: Any, periodic: bool) -> tuple[Any,
 
 
 _compiled_pieces = jax.jit(_pieces, static_argnums=3)
-
-
-def _check_knots(knots: np.ndarray, count: int, periodic: bool) -> None:
-    degree = len(knots) - count - 1
-    down = np.flatnonzero(np.diff(knots) < 0)
-    if len(down):
-        k = int(down[0])
-        raise ValueError(f"knots[{k + 1}] is {knots[k + 1]:g}; needs at least knots[{k}] = {knots[k]:g}.")
-    first, last = degree, len(knots) - 1 if periodic else count
-    if knots[first] == knots[last]:
-        raise ValueError(f"knots[{first}] and knots[{last}] are both {knots[first]:g}; the domain has length zero.")
-    if not periodic:
-        return
-    loose, wanted = not_repeated(knots, degree)
-    bad = np.flatnonzero(loose)
-    if len(bad):
-        k = int(bad[0])
-        raise ValueError(
-            f"knots[{count + k}] is {knots[count + k]:g}; a periodic spline needs knots[{k}] + period = {wanted[k]:g}."
-        )
 
 
 def _repeats(points: np.ndarray, knots: np.ndarray, degree: int) -> bool:

@@ -17,7 +17,7 @@ from jhd._runtime.argument_hints import belongs
 from jhd._runtime.arrays import is_traced, module_of, real_array
 from jhd._shapes.checks import Numbers, check_degrees, checked_net
 from jhd._shapes.homogeneous import cartesian, homogeneous, in_unit, out_of_unit
-from jhd._shapes.knots import bezier_pieces, evaluate, parted
+from jhd._shapes.knots import bezier_pieces, check_knots, clamped_knots, evaluate, parted
 from jhd._shapes.patch import AbstractPatch, BezierPatches
 
 
@@ -60,8 +60,8 @@ class BSplineSurface(AbstractPatch):
         self.control_points, self.weights = checked_net(control_points, weights, ("rows", "columns", "3"))
         self.knots_u, self.knots_v = real_array("knots_u", knots_u), real_array("knots_v", knots_v)
         rows, columns = self.control_points.shape[:2]
-        _check_knots("knots_u", self.knots_u, "rows", rows)
-        _check_knots("knots_v", self.knots_v, "columns", columns)
+        check_knots("knots_u", self.knots_u, "rows", rows)
+        check_knots("knots_v", self.knots_v, "columns", columns)
         check_degrees(self.control_points.dtype, *self.degrees)
 
     @classmethod
@@ -89,15 +89,7 @@ class BSplineSurface(AbstractPatch):
         points = checked_net(control_points, None, ("rows", "columns", "3"))[0]
         if np.shape(degrees) != (2,):
             raise TypeError(f"degrees must be two integers; got {degrees!r}.")
-        knots = []
-        rows, columns = points.shape[:2]
-        for degree, count, name in ((degrees[0], rows, "rows"), (degrees[1], columns, "columns")):
-            if not isinstance(degree, int | np.integer) or isinstance(degree, bool):
-                raise TypeError(f"degrees must be two integers; got {degrees!r}.")
-            if not 0 <= degree < count:
-                raise ValueError(f"degrees holds {degree}; {count} {name} allow 0 to {count - 1}.")
-            knots.append(np.clip(np.arange(count + degree + 1.0) - degree, 0, max(count - degree, 0)))
-        return cls(points, knots[0], knots[1], weights)
+        return cls(points, *map(clamped_knots, points.shape, degrees), weights)
 
     def _summary(self) -> str:
         batch, net = batch_text(self.control_points, 3), f"{size_text(self.control_points.shape[-3:-1])} control points"
@@ -136,8 +128,8 @@ class BSplineSurface(AbstractPatch):
             pieces = _pieces(jax.tree_util.tree_map(jnp.asarray, unit))
         else:
             # An optimizer may have changed the knots since the constructor checked them.
-            _check_knots("knots_u", self.knots_u, "rows", self.control_points.shape[0])
-            _check_knots("knots_v", self.knots_v, "columns", self.control_points.shape[1])
+            check_knots("knots_u", self.knots_u, "rows", self.control_points.shape[0])
+            check_knots("knots_v", self.knots_v, "columns", self.control_points.shape[1])
             # On the host: a function would be compiled for every number of points.
             with np.errstate(over="ignore", invalid="ignore"):
                 pieces = _pieces(jax.tree_util.tree_map(np.asarray, unit))
@@ -190,27 +182,6 @@ def _restricted(h: Array, knots: np.ndarray, p: int, ends: tuple[float, float]) 
     if ends[1] < knots[len(knots) - 1 - p]:
         rows, knots = parted(rows, knots, p, ends[1])[0]
     return rows.reshape(-1, *rest), knots
-
-
-def _check_knots(name: str, knots: Array, axis: str, count: int) -> None:
-    if knots.ndim != 1:
-        raise ValueError(f"{name} has shape {knots.shape}; needs ({name},).")
-    degree = knots.shape[0] - count - 1
-    if degree < 0:
-        raise ValueError(f"{name} has {knots.shape[0]} entries; {count} {axis} need at least {count + 1}.")
-    if count < degree + 1:
-        raise ValueError(
-            f"control_points has {count} {axis}; degree {degree} ({knots.shape[0]} knots) needs at least {degree + 1}."
-        )
-    if is_traced(knots):
-        return
-    known = np.asarray(knots)
-    down = np.flatnonzero(np.diff(known) < 0)
-    if len(down):
-        k = int(down[0])
-        raise ValueError(f"{name}[{k + 1}] is {known[k + 1]:g}; needs at least {name}[{k}] = {known[k]:g}.")
-    if known[degree] == known[count]:
-        raise ValueError(f"{name}[{degree}] and {name}[{count}] are both {known[count]:g}; the domain has length zero.")
 
 
 def _pieces(surface: BSplineSurface) -> Any:

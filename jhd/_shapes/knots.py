@@ -1,4 +1,4 @@
-"""Knot spans and blossoms: the kernels of B-spline curves.
+"""Checks of knots, knot spans and blossoms: the kernels of B-spline curves.
 
 On a non-empty span every step is a combination (1 - a) x + a y with a = (u - left) / (right - left) and left < right,
 convex for u in the span. An empty span has no polynomial of its own; it uses the polynomial of the last non-empty span
@@ -8,6 +8,7 @@ Source: Ramshaw, Blossoms are polar forms, CAGD 6 (1989); Boehm, Inserting new k
 (1980).
 """
 
+import operator
 from functools import partial
 from typing import Any
 
@@ -17,7 +18,51 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jhd._runtime.arrays import module_of
+from jhd._runtime.arrays import is_traced, module_of
+
+
+def checked_degree(degree: Any) -> int:
+    """The degree as an integer of at least 0."""
+    try:
+        value = operator.index(degree)
+    except TypeError as error:
+        raise TypeError(f"degree must be an integer; got {degree!r}.") from error
+    if value < 0:
+        raise ValueError(f"degree is {value}; needs at least 0.")
+    return value
+
+
+def clamped_knots(count: int, degree: Any) -> np.ndarray:
+    """The knots 0, 1, ... for so many points, of which the first and the last have multiplicity degree + 1."""
+    p = checked_degree(degree)
+    return np.clip(np.arange(count + p + 1.0) - p, 0, max(count - p, 0))
+
+
+def check_knots(name: str, knots: Any, axis: str, count: int, periodic: bool = False) -> None:
+    """Raise ValueError unless knots suit `count` points, named `axis`, and if known, rise, span a length and repeat."""
+    if len(knots.shape) != 1:
+        raise ValueError(f"{name} has shape {knots.shape}; needs ({name},).")
+    number = knots.shape[0]
+    degree = number - count - 1
+    if degree < 0:
+        raise ValueError(f"{name} has {number} entries; {count} {axis} need at least {count + 1}.")
+    kind, needed = ("periodic degree", max(degree, 1)) if periodic else ("degree", degree + 1)
+    if count < needed:
+        raise ValueError(
+            f"control_points has {count} {axis}; {kind} {degree} ({number} knots) needs at least {needed}."
+        )
+    if is_traced(knots):
+        return
+    known = np.asarray(knots)
+    for k in np.flatnonzero(np.diff(known) < 0)[:1]:
+        raise ValueError(f"{name}[{k + 1}] is {known[k + 1]:g}; needs at least {name}[{k}] = {known[k]:g}.")
+    last = number - 1 if periodic else count
+    if known[degree] == known[last]:
+        raise ValueError(f"{name}[{degree}] and {name}[{last}] are both {known[last]:g}; the domain has length zero.")
+    loose, wanted = not_repeated(known, degree) if periodic else ((), known)
+    for k in np.flatnonzero(loose)[:1]:
+        came, needs = f"{name}[{count + k}] is {known[count + k]:g}", f"{name}[{k}] + period = {wanted[k]:g}"
+        raise ValueError(f"{came}; a periodic spline needs {needs}.")
 
 
 def blossom(

@@ -345,7 +345,7 @@ def test_what_is_no_scipy_spline_is_refused():
             lambda: BSplineCurve.uniform(POINTS[:2], periodic=True),
             r"control_points has 2 points; periodic degree 3 \(6 knots\) needs at least 3\.",
         ),
-        (lambda: BSplineCurve(POINTS, np.arange(7)), r"knots has 7 entries; 7 control points need at least 8\."),
+        (lambda: BSplineCurve(POINTS, np.arange(7)), r"knots has 7 entries; 7 points need at least 8\."),
         (lambda: BSplineCurve(POINTS, np.zeros((11, 1))), r"knots has shape \(11, 1\); needs \(knots,\)\."),
         (lambda: BSplineCurve(POINTS, []), r"knots has 0 entries"),
         (
