@@ -1,6 +1,11 @@
-"""Point clouds: rows of coordinates in text (.xyz, .csv, .txt), a NumPy array (.npy), or the vertices of a PLY file."""
+"""Point clouds: rows of coordinates in text (.xyz, .csv, .txt), a NumPy array (.npy), or the vertices of a PLY file.
+
+A table (.csv, .txt) that could mean two things is refused with its line: decimal commas, two kinds of separators, lines
+of different length, or further columns without a header that names the coordinates.
+"""
 
 import os
+import re
 from io import StringIO
 from pathlib import Path
 
@@ -8,12 +13,13 @@ import numpy as np
 
 from jhd._io.errors import ParseError, read_bytes, read_text, shown
 from jhd._io.ply import read_ply
-from jhd._io.tables import table_in
 from jhd._shapes.curve import BezierSegments
 from jhd._shapes.simple_curves import point_set
 
 # Formats that hold only points; a .ply file may hold a mesh too.
 CLOUD_SUFFIXES = (".xyz", ".csv", ".txt", ".npy")
+_AXES = ("x", "y", "z")
+_NAMES = {";": "semicolons", ",": "commas", "": "blanks"}
 
 
 def load_points(file: str | Path) -> BezierSegments:
@@ -76,10 +82,6 @@ def _vertices(file: str) -> np.ndarray:
     return found.vertices
 
 
-def _table(file: str) -> np.ndarray:
-    return table_in(read_text(file), file)
-
-
 def _rows(file: str) -> np.ndarray:
     return rows_in(read_text(file), file)[:, :3]
 
@@ -96,11 +98,7 @@ def rows_in(text: str, name: str) -> np.ndarray:
         words = _words(line.split("#")[0])
         if not words:
             continue
-        try:
-            # Python takes 1_0 and digits of other scripts for numbers.
-            row = [float(word) for word in words if word.isascii() and "_" not in word]
-        except ValueError:
-            row = []
+        row = [value for value in map(number_in, words) if value is not None]
         if len(row) < len(words):
             raise ParseError(f"needs numbers; found {shown(line.rstrip())}.", name, number)
         if rows and len(row) != len(rows[0]):
@@ -117,3 +115,74 @@ def _words(line: str) -> list[str]:
         return words
     parts = " ".join(words).removesuffix(",").split(",")
     return [word for part in parts for word in part.split() or [""]]
+
+
+def _table(file: str) -> np.ndarray:
+    """The coordinates (points, 2 or 3) in a table whose columns are separated by blanks, commas or semicolons."""
+    text = read_text(file)
+    lines = ((k, line.split("#")[0].strip()) for k, line in enumerate(StringIO(text, newline=None), start=1))
+    table = _cells([(number, line) for number, line in lines if line], file)
+    if not table:
+        return np.empty((0, 3))
+    number, first = table[0]
+    if any(number_in(word) is not None for word in first):
+        columns = list(range(len(first)))
+        if len(first) not in (2, 3):
+            message = f"{len(first)} columns; needs 2 or 3, or a first line that names the columns x, y (and z)."
+            raise ParseError(message, file, number)
+        if first == ["0", "1", "2"][: len(first)] and len(table) > 1 and all("." in word for word in table[1][1]):
+            message = "0, 1, ... may be a point or the numbers of columns; write 0.0, or names x, y (and z)."
+            raise ParseError(message, file, number)
+    else:
+        columns = _named(first, file, number)
+        table = table[1:]
+    return np.array([_row(words, columns, file, number) for number, words in table]).reshape(-1, len(columns))
+
+
+def _cells(lines: list[tuple[int, str]], name: str) -> list[tuple[int, list[str]]]:
+    """The cells of each numbered line, without quotation marks; all lines have the separator of the first one."""
+    table: list[tuple[int, list[str]]] = []
+    separator = next((sign for sign in ";," if lines and sign in lines[0][1]), "")
+    for number, line in lines:
+        words = [_unquoted(word) for word in (line.split(separator) if separator else line.split())]
+        others = [sign for sign in ";," if sign != separator and sign in line]
+        if separator and any(len(w.split()) > 1 and None not in map(number_in, w.split()) for w in words):
+            others = [""]
+        if others:
+            message = f"has {_NAMES[others[0]]} next to {_NAMES[separator]}: {shown(line)}; use one separator"
+            raise ParseError(f"{message}, and decimal points.", name, number)
+        if table and len(words) != len(table[0][1]):
+            raise ParseError(f"{len(words)} cells; the lines before have {len(table[0][1])}.", name, number)
+        table.append((number, words))
+    return table
+
+
+def _unquoted(word: str) -> str:
+    word = word.strip()
+    return word[1:-1].strip() if len(word) > 1 and word[0] == word[-1] == '"' else word
+
+
+def _row(words: list[str], columns: list[int], name: str, number: int) -> list[float]:
+    row = [value for value in (number_in(words[k]) for k in columns) if value is not None]
+    if len(row) < len(columns):
+        raise ParseError(f"needs numbers; found {shown(' '.join(words))}.", name, number)
+    return row
+
+
+def _named(words: list[str], name: str, number: int) -> list[int]:
+    """The columns of the coordinates in a header: x, y and z, also as in "X [mm]" or "//X"."""
+    names = ["".join(re.findall("[a-z]+", word.lower())[:1]) for word in words]
+    columns = [names.index(axis) for axis in _AXES if axis in names]
+    if len(columns) < 2 or "y" not in names or any(names.count(axis) > 1 for axis in _AXES):
+        message = f"needs numbers, or names with x, y (and z) once; found {shown(' '.join(words))}."
+        raise ParseError(message, name, number)
+    return columns
+
+
+def number_in(word: str) -> float | None:
+    """The number that a word is; None for other words."""
+    # Python takes 1_0 and digits of other scripts for numbers.
+    try:
+        return float(word) if word.isascii() and "_" not in word else None
+    except ValueError:
+        return None

@@ -13,9 +13,9 @@ from xml.parsers import expat
 
 import numpy as np
 
+from jhd._io.clouds import number_in
 from jhd._io.errors import ParseError, shown
 from jhd._io.scenes import ScenePart, joined
-from jhd._io.tables import number_in
 from jhd._shapes.mesh import TriangleMesh
 
 _RELATIONS, _USUAL = "_rels/.rels", "3D/3dmodel.model"
