@@ -1,4 +1,4 @@
-"""Approximations of shapes with their certified deviation."""
+"""Approximations of shapes with their certified deviation, and their limits."""
 
 from collections.abc import Iterator
 from typing import Any, Generic, TypeVar
@@ -46,3 +46,14 @@ def checked_tolerance(tolerance: Numbers, shape: object, needed: str, pieces: st
     if value.shape != () or not float(value) > 0:
         raise ValueError(f"tolerance is {value}; needs one positive number.")
     return float(value)
+
+
+def check_count(pieces: int, option: str, most: int, tolerance: float) -> None:
+    """Raise ValueError if an approximation within the tolerance has more pieces than its option allows."""
+    if pieces > most:
+        raise ValueError(f"tolerance is {tolerance:g}; needs more than {option} = {most}. Raise one of them.")
+
+
+def chunks(count: int) -> list[slice]:
+    """Slices that divide the rows of cells into chunks: few enough for their numbers to stay close to the processor."""
+    return [slice(k, k + 4096) for k in range(0, count, 4096)]

@@ -17,7 +17,8 @@ from jaxtyping import Array, Float, Int
 
 from jhd._results.display import box_text, count_text, described, most_text, opaque
 from jhd._results.solution import NotProvenError
-from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.arrays import is_traced
+from jhd._shapes.approximation import checked_tolerance
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.biarc_fit import fitted
 from jhd._shapes.checks import Numbers
@@ -154,15 +155,11 @@ def biarcs(curve: ShapeLike, tolerance: Numbers) -> BiarcCurve:
             whose deviations hold.
     """
     segments = _checked(curve)
-    tolerance = real_array("tolerance", tolerance)
-    if tolerance.shape != ():
-        raise ValueError(f"tolerance has shape {tolerance.shape}; needs a scalar.")
-    if is_traced(tolerance):
-        raise TypeError("biarcs needs a known tolerance, not a traced one: the number of arcs depends on it.")
-    wanted, host = float(np.asarray(tolerance)), HostCurve.of(segments)
+    wanted = checked_tolerance(tolerance, segments, "biarcs needs a concrete curve", "arcs")
+    host = HostCurve.of(segments)
     least = 0.0 if segments.degree <= 1 else host.least
-    if wanted < least or wanted <= 0:
-        raise ValueError(f"tolerance is {wanted:g}; needs at least {max(least, 5e-324):g} for these coordinates.")
+    if wanted < least:
+        raise ValueError(f"tolerance is {wanted:g}; needs at least {least:g} for these coordinates.")
     if segments.degree <= 1:
         return _assembled(segments, _lines(segments))
     found = _assembled(segments, fitted(host, wanted))

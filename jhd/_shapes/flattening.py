@@ -39,6 +39,7 @@ import numpy as np
 from jhd._arithmetic.bernstein import product_weights
 from jhd._arithmetic.rounding import gamma
 from jhd._arithmetic.scaling import common_exponent, unit_weights
+from jhd._shapes.approximation import check_count
 
 # Arcs of ellipses have a middle weight below 1 by more than this; relative rounding error of their bound.
 _BENT, _ROOM = 1e-8, 1e-5
@@ -114,10 +115,7 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, toler
             segment, t0, pieces, bound = (np.concatenate(x) for x in zip(*done, strict=True))
             order = np.lexsort((t0, segment))
             return FlatPieces(pieces[order], segment[order], float(bound.max()))
-        if sum(len(x[0]) for x in done) + 2 * len(segment) > most:
-            raise ValueError(
-                f"tolerance is {tolerance:g}; more than max_segments = {most} pieces are needed. Raise one of them."
-            )
+        check_count(sum(len(x[0]) for x in done) + 2 * len(segment), "max_segments", most, tolerance)
         middle = 0.5 * (t0 + t1)
         segment = np.concatenate([segment, segment])
         t0, t1 = np.concatenate([t0, middle]), np.concatenate([middle, t1])

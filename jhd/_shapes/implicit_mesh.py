@@ -39,10 +39,9 @@ from jhd._arithmetic import exact_polynomials
 from jhd._arithmetic.bernstein import blossoms
 from jhd._arithmetic.rounding import gamma, unit_roundoff
 from jhd._arithmetic.scaling import common_exponent
+from jhd._shapes.approximation import check_count, chunks
 from jhd._shapes.checks import empty_surface
 
-# Cells measured together: few enough for their numbers to stay close to the processor.
-_CHUNK = 4096
 # Growth of cells beyond the square root of the missing factor, so that one step suffices; most growth in one step.
 _GROWTH = (1.02, 4.0)
 
@@ -84,11 +83,6 @@ class BoxedPolynomial(NamedTuple):
             values = np.sum([x * weight for x, weight in zip(values, row.T, strict=True)], axis=0)
         # Values within rounding count as zero, so that surfaces through nodes have their vertices there.
         return np.where(np.abs(values) <= self.error, 0.0, values)
-
-
-def chunks(count: int) -> list[slice]:
-    """Slices that divide rows into chunks."""
-    return [slice(k, k + _CHUNK) for k in range(0, count, _CHUNK)]
 
 
 def near_zero(polynomial: BoxedPolynomial, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -302,10 +296,7 @@ def triangulate(
             raise empty_surface()
         if not box.in_user_units(box.off) <= tolerance:
             raise ValueError(f"tolerance is {tolerance:g}, below the rounding of the vertices; raise it.")
-        if len(cells) > most:
-            raise ValueError(
-                f"tolerance is {tolerance:g}; more than max_triangles = {most} triangles are needed. Raise one of them."
-            )
+        check_count(len(cells), "max_triangles", most, tolerance)
         tau = deviations(polynomial, cells, counts)
         worst = float(tau.max())
         if box.in_user_units(worst + box.off) <= tolerance:

@@ -12,41 +12,20 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd._runtime.arrays import joined
+from jhd._shapes.approximation import check_count, chunks
 from jhd._shapes.mesh import places_of
 from jhd._shapes.patch_cells import HostPatches, PatchCells, with_bounds
 
-# Rectangles measured together: few enough for their numbers to stay close to the processor.
-_CHUNK = 4096
-
 
 class Tessellation(NamedTuple):
-    """Corners, triangles, the locations of the corners on the patches, and a bound of the deviation from the surface.
+    """Corners, triangles, locations of the corners on the patches, and a bound of the deviation from the surface."""
 
-    Args:
-        vertices: the corners, each once.
-        triangles: numbers of three corners, counter-clockwise in the parameters.
-        patch: a patch that each corner lies on.
-        u: its first parameter there.
-        v: its second one.
-        deviation: the bound, in the user's unit.
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    patch: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-    deviation: float
-
-
-class _Goal(NamedTuple):
-    tolerance: float
-    most: int
-
-    def check(self, triangles: int) -> None:
-        if triangles > self.most:
-            needed = f"more than max_triangles = {self.most} triangles would be needed"
-            raise ValueError(f"tolerance is {self.tolerance:g}; {needed}. Raise one of them.")
+    vertices: np.ndarray  # the corners, each once
+    triangles: np.ndarray  # numbers of three corners, counter-clockwise in the parameters
+    patch: np.ndarray  # a patch that each corner lies on
+    u: np.ndarray  # its first parameter there
+    v: np.ndarray  # its second one
+    deviation: float  # the bound, in the user's unit
 
 
 class _Loops(NamedTuple):
@@ -59,10 +38,6 @@ class _Loops(NamedTuple):
     u: np.ndarray  # its first parameter there
     v: np.ndarray  # its second one
 
-    def place(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Patch, u and v of each numbered point."""
-        return self.patch, self.u, self.v
-
 
 def tessellate(points: np.ndarray, weights: np.ndarray | None, tolerance: float, most: int) -> Tessellation:
     """Triangles within tolerance of Bezier patches (patches, rows, columns, 3).
@@ -70,14 +45,14 @@ def tessellate(points: np.ndarray, weights: np.ndarray | None, tolerance: float,
     Raises:
         ValueError: more than `most` triangles are needed, or rounding alone may exceed tolerance.
     """
-    patches, goal, off = HostPatches.of(points, weights), _Goal(tolerance, most), 0.0
+    patches, off = HostPatches.of(points, weights), 0.0
     cells = patches.whole()
     while True:
-        cells = _refined(patches, cells, goal, off)
+        cells = _refined(patches, cells, tolerance, most, off)
         loops = _loops(patches, cells)
-        triangles, middles = _fans(loops, patches.vertices(*loops.place())[0])
-        goal.check(len(triangles))
-        pairs = zip(loops.place(), cells.take(middles).middle(), strict=True)
+        triangles, middles = _fans(loops, patches.vertices(*loops[3:])[0])
+        check_count(len(triangles), "max_triangles", most, tolerance)
+        pairs = zip(loops[3:], cells.take(middles).middle(), strict=True)
         patch, u, v = (np.concatenate(pair) for pair in pairs)
         vertices, off = patches.vertices(patch, u, v)
         deviation = float(patches.in_user_units(np.max(cells.bound) + off))
@@ -86,18 +61,18 @@ def tessellate(points: np.ndarray, weights: np.ndarray | None, tolerance: float,
             return Tessellation(vertices[once], names[triangles], patch[once], u[once], v[once], deviation)
 
 
-def _refined(patches: HostPatches, cells: PatchCells, goal: _Goal, off: float) -> PatchCells:
+def _refined(patches: HostPatches, cells: PatchCells, tolerance: float, most: int, off: float) -> PatchCells:
     """Rectangles bisected until their triangles are within tolerance, with vertices whose error is at most `off`."""
     found, count = [], 0
     while len(cells.patch):
-        goal.check(2 * (count + len(cells.patch)))
-        enough = patches.in_local_units(goal.tolerance) - off
-        parts = [with_bounds(patches, cells.take(rows), enough) for rows in _chunks(len(cells.patch))]
+        check_count(2 * (count + len(cells.patch)), "max_triangles", most, tolerance)
+        enough = patches.in_local_units(tolerance) - off
+        parts = [with_bounds(patches, cells.take(rows), enough) for rows in chunks(len(cells.patch))]
         cells = joined(parts)
-        good = patches.in_user_units(cells.bound + off) <= goal.tolerance
+        good = patches.in_user_units(cells.bound + off) <= tolerance
         found.append(cells.take(good))
         count += int(good.sum())
-        cells = _checked(patches, cells.take(~good), goal.tolerance, off).halves()
+        cells = _checked(patches, cells.take(~good), tolerance, off).halves()
     return joined(found)
 
 
@@ -108,10 +83,6 @@ def _checked(patches: HostPatches, cells: PatchCells, tolerance: float, off: flo
     if len(width) and (width.min() <= 2.0**-48 or not patches.in_user_units(patches.noise + off) <= tolerance):
         raise ValueError(f"tolerance is {tolerance:g}; rounding leaves more on this surface; raise it.")
     return cells
-
-
-def _chunks(count: int) -> list[slice]:
-    return [slice(k, k + _CHUNK) for k in range(0, count, _CHUNK)]
 
 
 def _loops(patches: HostPatches, cells: PatchCells) -> _Loops:

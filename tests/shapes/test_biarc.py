@@ -353,16 +353,16 @@ def test_what_cannot_be_approximated_is_refused(as_a_user):
     with pytest.raises(ValueError, match="curve has 3 coordinates a point; biarcs needs 2"):
         biarcs(BezierSegments(np.zeros((1, 3, 3))), 1e-3)
     for tolerance in (0.0, -1.0, 1e-18):
-        with pytest.raises(ValueError, match=r"tolerance is .*; needs at least"):
+        with pytest.raises(ValueError, match=r"tolerance is .*; needs (at least|one positive number)"):
             biarcs(curve, tolerance)
     for tolerance in (np.nan, np.inf):
         with pytest.raises(ValueError, match="tolerance is not finite"):
             biarcs(curve, tolerance)
-    with pytest.raises(ValueError, match="tolerance has shape"):
+    with pytest.raises(ValueError, match=r"tolerance is \[.*\]; needs one positive number"):
         biarcs(curve, [1e-3, 1e-3])
     with pytest.raises(TypeError, match="concrete control points"):
         jax.jit(lambda p: biarcs(BezierSegments(p), 1e-3).start)(CUBIC)
-    with pytest.raises(TypeError, match="known tolerance"):
+    with pytest.raises(TypeError, match="concrete curve and tolerance"):
         jax.jit(lambda x: biarcs(curve, x).start)(1e-3)
 
 
