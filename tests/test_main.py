@@ -442,7 +442,7 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
         (["hausdorff", BASE, DIAGONAL, "-o", "none/a.json"], "none/a.json: no such folder."),
         (["project", BASE, "1", "2", "-o", "a.txt"], "a.txt: the name must end in .csv or .json."),
         (["hausdorff", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
-        (["hausdorff", BASE, DIAGONAL, "--html", "a.png"], "a.png: the name must end in .html."),
+        (["hausdorff", BASE, DIAGONAL, "--html", "a.png"], "a.png: the name must end in .html or .htm."),
         (["hausdorff", *SPHERES[:2]], "A is a polynomial; give the box of its surface: --box LOWER UPPER."),
         (["hausdorff", *SPHERES, "3"], "--box has 3 numbers; needs 2, or 6"),
         (["hausdorff", *SPHERES[:3], "2", "-2"], "A: lower[0] is 2 and upper[0] is -2; needs lower < upper."),

@@ -23,9 +23,9 @@ from jhd._cli.comparisons import hausdorff as hausdorff
 from jhd._cli.comparisons import minimum as minimum
 from jhd._cli.comparisons import project as project
 from jhd._cli.console import busy, device, exit_status, json_text, paced, precision, timed
-from jhd._cli.options import box_of, check_writable, curve_of, kind_of, read_shapes, shape_of
+from jhd._cli.options import box_of, check_picture, check_writable, curve_of, kind_of, read_shapes, shape_of
 from jhd._cli.output import print_files
-from jhd._cli.report import check_picture_file, names_of, picture, shape_line, solution_text
+from jhd._cli.report import names_of, picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
 from jhd._distance.certificate.verification import UncheckedCertificateError, sentence
 from jhd._io.certificates import verify_file
@@ -48,7 +48,7 @@ _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 def demo(options: Namespace) -> int:
     """Both directed distances between one letter in two fonts, as text and as a picture."""
     file = options.demo or _DEMO_FILE
-    check_picture_file(file)
+    check_picture(file)
     specs = [f"font:{font}:{_DEMO_LETTER}" for font in _DEMO_FONTS.values()]
     a, b = (curve_of(name, spec) for name, spec in zip("AB", specs, strict=True))
     print(f"The letter {_DEMO_LETTER} in two fonts, in font units\n")

@@ -18,9 +18,9 @@ from jhd._cli.lengths import rounded_diagonal
 from jhd._cli.options import (
     PROJECTIONS,
     box_of,
+    check_picture,
     check_writable,
     kind_of,
-    method_name,
     method_of,
     points_of,
     search_of,
@@ -31,8 +31,6 @@ from jhd._cli.options import (
 from jhd._cli.output import TABLE_SUFFIXES, delivered, print_files
 from jhd._cli.report import (
     PLACES,
-    check_page_file,
-    check_picture_file,
     decision_text,
     deviation_picture,
     deviation_text,
@@ -46,6 +44,7 @@ from jhd._cli.report import (
     solution_text,
     space_picture,
 )
+from jhd._plot.pages import plotly_script
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
 from jhd._runtime.clock import Clock
 from jhd._runtime.decimals import lower_text, upper_text
@@ -104,7 +103,7 @@ def _measured(
     check_drawn(options, a.dim)
     check_writable(options.certificate)
     check_writable(options.out, ".json")
-    named |= {"method": method_name(method)} if named else {}
+    named |= {"method": type(method).__name__} if named else {}
     asked = {"a": options.a, "b": options.b, **named, **tolerances_of(options, a, b), **box_of(a, b)}
     given = [name for name in ("plot", "html", "certificate") if getattr(options, name)]
     compute = partial(entry, a, b, throw=False)
@@ -200,7 +199,7 @@ def project(options: Namespace) -> int:
         found = _projected(points, shape, method, show, clock)
     done = len(found.distance)
     status = exit_status(found) if done == len(points) else 1 if clock.is_over() else INTERRUPTED
-    asked = {"points": points[:done].tolist(), "method": "exact" if method is None else method_name(method)}
+    asked = {"points": points[:done].tolist(), "method": "exact" if method is None else type(method).__name__}
     head, *rows = _rows_of(found, shape)
     if delivered(options, found, table=(head, *rows), shape=options.shape, **asked, **box_of(shape)):
         return status
@@ -254,9 +253,10 @@ def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
 def check_drawn(options: Namespace, dim: int) -> None:
     """Raise an error if a requested picture or page cannot be written."""
     if options.plot:
-        check_picture_file(options.plot)
-    if options.html:
-        check_page_file(options.html, dim)
+        check_picture(options.plot)
+    check_writable(options.html, ".html", ".htm")
+    if options.html and dim == 3:
+        plotly_script()
 
 
 def write_page(file: str, *shown: Any) -> None:

@@ -100,6 +100,17 @@ def check_writable(file: str | None, *suffixes: str) -> None:
         raise ValueError(f"{file}: no such folder.")
 
 
+def check_picture(file: str) -> None:
+    """Raise ValueError if a picture cannot have this name."""
+    from matplotlib.figure import Figure
+
+    formats = Figure().canvas.get_supported_filetypes()
+    suffix = Path(file).suffix
+    if suffix.removeprefix(".").lower() not in formats:
+        raise ValueError(f"{file}: the suffix is {suffix!r}; pictures are stored as {', '.join(formats)}.")
+    check_writable(file)
+
+
 def kind_of(shape: Any) -> str:
     """The kind of a shape in words."""
     return body_of(shape).name
@@ -170,11 +181,6 @@ def search_of(options: Namespace, *shapes: Any) -> Any:
 def tolerances_of(options: Namespace, *shapes: Any) -> dict[str, float | None]:
     """The values of --rtol and of --atol in input units, None for each that is not given."""
     return {"rtol": options.rtol, "atol": None if options.atol is None else options.atol.of(*shapes)}
-
-
-def method_name(method: Any) -> str:
-    """The name of the class of a method."""
-    return type(method).__name__
 
 
 def points_of(options: Namespace) -> np.ndarray:

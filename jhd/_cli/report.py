@@ -15,7 +15,7 @@ from jhd import plot
 from jhd._cli.lengths import share_text
 from jhd._distance.deviation_solution import Deviation
 from jhd._distance.search.bodies import body_of
-from jhd._plot.pages import check_pages_in_space, page_of_figure
+from jhd._plot.pages import page_of_figure
 from jhd._results.solution import RESULTS, Decision, HausdorffSolution, MinimumSolution, name_of
 from jhd._runtime.decimals import interval_text, lower_text, upper_text
 from jhd._runtime.files import replace_file
@@ -219,28 +219,6 @@ def _digits(lower: float, upper: float) -> int:
         return 0
     gap = max((upper - lower) / upper, 10.0**-_DIGITS)
     return int(np.clip(-math.log10(gap), 0, _DIGITS))
-
-
-def check_picture_file(file: str) -> None:
-    """Raise ValueError if a picture cannot have this name, before a long computation and not after it."""
-    from matplotlib.figure import Figure
-
-    formats = Figure().canvas.get_supported_filetypes()
-    suffix = Path(file).suffix
-    if suffix.removeprefix(".").lower() not in formats:
-        raise ValueError(f"{file}: the suffix is {suffix!r}; pictures are stored as {', '.join(formats)}.")
-    if not Path(file).absolute().parent.is_dir():
-        raise ValueError(f"{file}: no such folder.")
-
-
-def check_page_file(file: str, dim: int) -> None:
-    """Raise an error unless a page for shapes with `dim` coordinates can be written under this name."""
-    if Path(file).suffix.lower() not in (".html", ".htm"):
-        raise ValueError(f"{file}: the name must end in .html.")
-    if not Path(file).absolute().parent.is_dir():
-        raise ValueError(f"{file}: no such folder.")
-    if dim == 3:
-        check_pages_in_space()
 
 
 def picture(

@@ -48,7 +48,7 @@ from jhd._runtime.compiled import calls_host, compiled, optimized
 from jhd._runtime.sharding import is_partitioned
 from jhd._shapes.checks import usable_numbers
 from jhd._shapes.curve import BezierSegments
-from jhd._shapes.joints import followed_here
+from jhd._shapes.joints import followed
 from jhd._shapes.unchecked import trusted
 
 # Numbers of queries that other executables are compiled for; more queries are done in blocks of the last size.
@@ -174,7 +174,7 @@ def _scaled(queries: Any, curve: BezierSegments, count: int) -> tuple[Any, Bezie
     queries, points = common_points(frame, queries), common_points(frame, points)
     index = np.minimum(np.arange(count), curve.count - 1)
     weights = None if curve.weights is None else unit_weights(curve.weights)[index]
-    links = module_of(queries).asarray(followed_here(curve.links))[index]
+    links = module_of(queries).asarray(followed(curve.links))[index]
     return queries, trusted(points[index], weights, links), frame
 
 

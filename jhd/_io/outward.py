@@ -66,17 +66,12 @@ def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False)
             return BSpline(knots, points, p)
         wrapped: Any = "periodic"
         return BSpline(unrolled(knots, p, True), np.concatenate([points, points[:p]]), p, extrapolate=wrapped)
-    rows = points if isinstance(shape, BezierCurve) else _segment_rows(shape, points)
-    count = rows.shape[-2]
-    flat = rows.reshape(-1, rows.shape[-1])
-    return BSpline(np.repeat(np.arange(len(flat) // count + 1.0), count), flat, count - 1)
-
-
-def _segment_rows(shape: AbstractCurve, points: np.ndarray) -> np.ndarray:
-    if not isinstance(shape, BezierSegments):
+    if not isinstance(shape, BezierCurve | BezierSegments):
         kinds = "a BSplineCurve, a BezierCurve or BezierSegments"
         raise TypeError(f"shape must be {kinds}; got {type(shape).__name__}: pass its segments().")
-    return points
+    count = points.shape[-2]
+    flat = points.reshape(-1, points.shape[-1])
+    return BSpline(np.repeat(np.arange(len(flat) // count + 1.0), count), flat, count - 1)
 
 
 def _surface_knots(surface: AbstractPatch) -> tuple[np.ndarray, np.ndarray]:

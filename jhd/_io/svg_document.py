@@ -27,19 +27,6 @@ _MOST_USES = 8
 _VISIBLE = {"visible": True, "initial": True, "hidden": False, "collapse": False}
 
 
-def contours_of_shape(element: Element, viewport: Viewport) -> list[Contour]:
-    """The contours of a basic shape or a path; none if a size is zero, as the standard says.
-
-    Args:
-        element: a basic shape or a path.
-        viewport: width and height to which percentages refer.
-
-    Raises:
-        ParseError: an attribute that is no length or no list of numbers, or a negative size.
-    """
-    return _SHAPES[element.tag](element, viewport)
-
-
 def _path(element: Element, viewport: Viewport) -> list[Contour]:
     text = element.attributes.get("d", "none")
     if text.strip() == "none":
@@ -218,7 +205,7 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
     if element.tag in _SHAPES:
         if not place.visible:
             return
-        contours = contours_of_shape(element, place.viewport)
+        contours = _SHAPES[element.tag](element, place.viewport)
         yield Drawn([contour.transformed(place.matrix) for contour in contours], place.ids)
         return
     if element.tag == "use":

@@ -207,13 +207,8 @@ def page_of_figure(figure: Any, title: str) -> str:
     return PAGE.format(title=html.escape(title), head=head, body=text[text.index("<svg") :])
 
 
-def check_pages_in_space() -> None:
-    """Raise ImportError if pages of shapes in space cannot be made."""
-    _plotly()
-
-
-def _plotly() -> str:
-    """The script of plotly."""
+def plotly_script() -> str:
+    """The script of plotly, for pages of shapes in space."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError as error:
@@ -312,7 +307,7 @@ def _in_space(
     a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str], unit: str, samples: DistanceSamples | None
 ) -> str:
     """Both shapes as plotly draws them; the shape with the farthest point is colored by its distance."""
-    script = _plotly()
+    script = plotly_script()
     names = list(labels)
     if name_of(solution.direction) == "b_to_a":
         a, b, names = b, a, names[::-1]

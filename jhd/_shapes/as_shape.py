@@ -165,10 +165,10 @@ def _parts_of(value: Any) -> tuple[Any, Any, Any] | None:
         return None
     if hasattr(value, "vertices"):
         return value.vertices, getattr(value, "faces", getattr(value, "triangles", None)), None
-    for places, cells, name in (("vertex", "triangle", "indices"), ("point", "line", "indices")):
+    for places, cells in (("vertex", "triangle"), ("point", "line")):
         # Open3D's tensors: tables by name.
         if hasattr(value, places) and hasattr(getattr(value, places), "positions"):
-            table = getattr(getattr(value, cells, None), name, None)
+            table = getattr(getattr(value, cells, None), "indices", None)
             faces, lines = (table, None) if cells == "triangle" else (None, table)
             return getattr(value, places).positions, faces, lines
     if hasattr(value, "points") and not callable(value.points):

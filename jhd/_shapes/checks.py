@@ -86,16 +86,12 @@ def check_same_dim(a: int, b: int) -> None:
 
 def check_degrees(dtype: DTypeLike, *degrees: int) -> None:
     """Raise ValueError if a degree exceeds the largest one for which functions are compiled."""
-    limit = largest_degree(dtype)
+    # Binomials of twice that are far from overflow.
+    limit = 128 if np.dtype(dtype).itemsize >= 8 else 32
     if max(degrees) > limit:
         raise ValueError(
             f"the degree is {max(degrees)}; must be at most {limit}: approximate the shape in a lower degree."
         )
-
-
-def largest_degree(dtype: DTypeLike) -> int:
-    """Largest degree of curves and parametric surfaces: binomials of twice that are far from overflow."""
-    return 128 if np.dtype(dtype).itemsize >= 8 else 32
 
 
 def largest_weight_ratio(dtype: DTypeLike) -> float:

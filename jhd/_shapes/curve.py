@@ -205,12 +205,13 @@ class BezierSegments(AbstractCurve):
     def __init__(self, control_points: Numbers, weights: Numbers | None = None, next_segment: Numbers | None = None):
         self.control_points, self.weights = checked_net(control_points, weights, ("segments", "points", "dim"))
         check_degrees(self.control_points.dtype, self.degree)
-        self.links = linked(joints(self.control_points) if next_segment is None else checked(next_segment, self.count))
+        following = joints(self.control_points) if next_segment is None else checked(next_segment, self.count)
+        self.links = array_of(linked(following))
 
     @property
     def next_segment(self) -> Array:
         """For each segment the index of the segment that starts at its end, -1 at a free end."""
-        return followed(self.links)
+        return array_of(followed(self.links))
 
     def _summary(self) -> str:
         batch = batch_text(self.control_points, 3)

@@ -1,6 +1,7 @@
 """Implicit surfaces: the zeros of a polynomial in three variables inside a box."""
 
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -280,12 +281,14 @@ def _rows(name: str, points: Numbers) -> Array:
     return rows
 
 
-def _values_at(coefficients: Array, points: Array) -> Array:
+@optimized
+def _values(coefficients: Array, points: Array) -> Array:
     """Values at points (..., 3)."""
     return horner(coefficients, points.reshape(-1, 3).T).reshape(points.shape[:-1])
 
 
-def _gradients_at(coefficients: Array, points: Array) -> Array:
+@optimized
+def _gradients(coefficients: Array, points: Array) -> Array:
     """Gradients at points (..., 3)."""
     return jnp.moveaxis(slopes(coefficients, jnp.moveaxis(points, -1, 0))[1], 0, -1)
 
@@ -307,7 +310,8 @@ def _pattern(matrix: np.ndarray) -> tuple[tuple[bool, ...], ...]:
     return tuple(tuple(x != 0 for x in row) for row in adjugate)
 
 
-def _image_of(
+@partial(optimized, static=(5, 6))
+def _image(
     coefficients: Array,
     lower: Array,
     upper: Array,
@@ -316,17 +320,7 @@ def _image_of(
     mixed: tuple[tuple[bool, ...], ...],
     degree: int,
 ) -> tuple[Array, Array, Array]:
-    """Coefficients and box of the image under x -> matrix x + offset.
-
-    Args:
-        coefficients: coefficients of the polynomial.
-        lower: the lower corner.
-        upper: the upper corner.
-        matrix: (3, 3).
-        offset: (3,), (1,) or ().
-        mixed: which entries of the inverse are not zero.
-        degree: total degree.
-    """
+    """Coefficients and box of the image under x -> matrix x + offset; `mixed` marks the inverse's nonzero entries."""
     offset = jnp.broadcast_to(offset, (3,))
     inverse = jnp.linalg.inv(matrix)
     origin = -jnp.sum(inverse * offset, axis=-1)
@@ -367,6 +361,3 @@ def _raised(polynomials: Array, axis: int) -> Array:
     padding = [(0, 0)] * polynomials.ndim
     padding[axis] = (1, 0)
     return jnp.pad(inside, padding)
-
-
-_values, _gradients, _image = optimized(_values_at), optimized(_gradients_at), optimized(_image_of, (5, 6))

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from jhd._runtime.arrays import array_of, is_traced, module_of, undifferentiated
 
@@ -98,17 +98,12 @@ def checked(next_segment: Any, count: int) -> Int[Array, " segments"]:
     return array_of(known.astype(int))
 
 
-def linked(next_segment: Any) -> Float[Array, "*batch segments 2"]:
-    """`next_segment` as pairs of floats: each number plus one, and a one.
+def linked(next_segment: Any) -> Any:
+    """`next_segment` as pairs of floats: each number plus one, and a one; a NumPy array for known numbers.
 
     jax.grad does not accept integers. The derivative of these floats is zero, so optimizers leave them unchanged.
     Scaling all parameters, as weight decay does, changes no quotient.
     """
-    return array_of(linked_here(next_segment))
-
-
-def linked_here(next_segment: Any) -> Any:
-    """`linked`, as a NumPy array for known numbers."""
     xp = jnp if is_traced(next_segment) else np
     # Not stacked: JAX does not stack explicitly sharded numbers with constants.
     number = (xp.asarray(next_segment) + 1)[..., None]
@@ -116,12 +111,7 @@ def linked_here(next_segment: Any) -> Any:
 
 
 def followed(links: Any) -> Any:
-    """`next_segment` from the result of `linked`; integers are returned unchanged. Zeros give -1."""
-    return array_of(followed_here(links))
-
-
-def followed_here(links: Any) -> Any:
-    """`followed`, as a NumPy array for known numbers."""
+    """`next_segment` from the result of `linked`, a NumPy array for known numbers; integers stay. Zeros give -1."""
     if jnp.issubdtype(links.dtype, jnp.integer):
         return links
     # The numbers are known if they are traced only for derivatives.

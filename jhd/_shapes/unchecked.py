@@ -11,7 +11,7 @@ from jhd._runtime.arrays import check_finite, is_tracing
 from jhd._runtime.jax_internals import to_device
 from jhd._shapes.checks import check_control_points
 from jhd._shapes.curve import BezierSegments
-from jhd._shapes.joints import joints, linked_here
+from jhd._shapes.joints import joints, linked
 
 
 def segments_of(control_points: Any, weights: Any, next_segment: Any = None) -> BezierSegments:
@@ -30,7 +30,7 @@ def segments_of(control_points: Any, weights: Any, next_segment: Any = None) -> 
         check_finite("weights", weights)
         check_control_points(control_points, weights, ("segments", "points", "dim"))
     following = joints(control_points) if next_segment is None else next_segment
-    leaves = [x for x in (control_points, weights, linked_here(following)) if x is not None]
+    leaves = [x for x in (control_points, weights, linked(following)) if x is not None]
     return jax.tree_util.tree_unflatten(_structure(weights is not None), to_device(leaves))
 
 

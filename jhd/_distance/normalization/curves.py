@@ -19,7 +19,7 @@ from jhd._distance.normalization.coordinates import Frame, common_points, extrem
 from jhd._runtime.arrays import is_traced, module_of
 from jhd._shapes.checks import usable_numbers
 from jhd._shapes.curve import BezierSegments
-from jhd._shapes.joints import followed_here
+from jhd._shapes.joints import followed
 from jhd._shapes.unchecked import trusted
 
 # Numbers of segments and degrees that are compiled. Small curves have one size, for which the cost of the repetition is
@@ -153,4 +153,4 @@ def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational
     if degree > curve.degree:
         points, weights = raised(elevation_matrix(curve.degree, degree).astype(points.dtype), points, weights)
     weights = None if weights is None else weights[index]
-    return trusted(points[index], weights, xp.asarray(followed_here(curve.links))[index])
+    return trusted(points[index], weights, xp.asarray(followed(curve.links))[index])

@@ -75,4 +75,4 @@ def _alike(curve: BezierSegments, degree: int, count: int, rational: bool, xp: A
         points, weights = raised(elevation_matrix(curve.degree, degree).astype(points.dtype), points, weights)
     index = np.minimum(np.arange(count), curve.count - 1)
     (next_segment,) = on_host(curve.next_segment)
-    return trusted(points[index], None if weights is None else weights[index], linked(next_segment[index]))
+    return trusted(points[index], None if weights is None else weights[index], array_of(linked(next_segment[index])))
