@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd._arithmetic import bernstein
 from jhd._io.errors import ParseError
 from jhd._runtime.arrays import array_of
 from jhd._shapes.curve import BezierSegments
+from jhd._shapes.homogeneous import elevated
 from jhd._shapes.joints import completed
 
 
@@ -109,25 +109,13 @@ def _raised(segment: Segment, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Control points (degree + 1, 2) and weights of a segment written in this degree."""
     points = np.array([(p.real, p.imag) for p in segment.points])
     if segment.weights is None:
-        return _elevate(points, degree), np.ones(degree + 1)
+        return elevated(points, degree), np.ones(degree + 1)
     if len(points) == degree + 1:
         # Multiplying by weights and dividing again would round.
         return points, np.array(segment.weights)
     weights = np.array(segment.weights)[:, None]
-    raised = _elevate(np.concatenate([points * weights, weights], axis=1), degree)
+    raised = elevated(np.concatenate([points * weights, weights], axis=1), degree)
     return raised[:, :2] / raised[:, 2:], raised[:, 2]
-
-
-def _elevate(coefficients: np.ndarray, degree: int) -> np.ndarray:
-    """`bernstein.elevate` along the first axis in NumPy: no compilation for each number of segments."""
-    n = len(coefficients) - 1
-    if n == degree:
-        return coefficients
-    factors = bernstein.product_weights(degree - n, n)
-    raised = np.zeros((degree + 1, coefficients.shape[1]))
-    for i, row in enumerate(factors):
-        raised[i : i + n + 1] += row[:, None] * coefficients
-    return raised
 
 
 def contours_of(curve: BezierSegments) -> list[Contour]:

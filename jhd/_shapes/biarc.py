@@ -24,6 +24,7 @@ from jhd._shapes.biarc_fit import fitted
 from jhd._shapes.checks import Numbers
 from jhd._shapes.curve import BezierSegments, check_curve
 from jhd._shapes.deviation import HostArcs, HostCurve, complex_points
+from jhd._shapes.flattening import pieces_following
 
 
 class BiarcCurve(eqx.Module):
@@ -211,10 +212,7 @@ def _lines(segments: BezierSegments) -> HostArcs:
 
 def _assembled(segments: BezierSegments, arcs: HostArcs) -> BiarcCurve:
     """The arcs, each linked to the next arc of the curve."""
-    last = np.append(arcs.segment[1:] != arcs.segment[:-1], True)
-    first = np.searchsorted(arcs.segment, np.arange(segments.count))
-    onward = np.asarray(segments.next_segment)[arcs.segment]
-    next_segment = np.where(last, np.where(onward < 0, -1, first[onward]), np.arange(len(last)) + 1)
+    next_segment = pieces_following(arcs.segment, np.asarray(segments.next_segment))
     dtype = np.dtype(segments.control_points.dtype)
     start, end = (np.stack([np.real(x), np.imag(x)], axis=-1) for x in (arcs.start, arcs.end))
     numbers = [x.astype(dtype) for x in (start, end, arcs.bulge, arcs.t0, arcs.t1, arcs.deviation)]

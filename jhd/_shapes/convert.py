@@ -6,11 +6,10 @@ list of segments, each an array of points, so one contour may contain lines, qua
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
-from jhd._arithmetic import bernstein
 from jhd._runtime.arrays import check_finite
+from jhd._shapes.homogeneous import elevated
 
 # Path.STOP, MOVETO, LINETO, CURVE3, CURVE4 and CLOSEPOLY of matplotlib, and the number of vertices that each takes.
 _STOP, _MOVETO, _LINETO, _CURVE3, _CURVE4, _CLOSEPOLY = 0, 1, 2, 3, 4, 79
@@ -29,7 +28,7 @@ def outline_arrays(contours: list[list[np.ndarray]]) -> tuple[np.ndarray, np.nda
     control_points = np.empty((len(pieces), degree + 1, pieces[0].shape[-1]))
     for length in np.unique(lengths):
         rows = np.flatnonzero(lengths == length)
-        control_points[rows] = bernstein.elevate(jnp.stack([pieces[k] for k in rows]), degree, axis=-2)
+        control_points[rows] = elevated(np.stack([pieces[k] for k in rows]), degree)
     next_segment = np.arange(1, len(pieces) + 1)
     first = 0
     for contour in contours:

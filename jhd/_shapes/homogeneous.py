@@ -75,6 +75,17 @@ split = jax.jit(partial(bernstein.split, axis=-2))
 elevate = jax.jit(partial(bernstein.elevate, axis=-2), static_argnames="target")
 
 
+def elevated(coefficients: np.ndarray, degree: int) -> np.ndarray:
+    """`elevate` in NumPy: no compilation for each number of segments; the end points keep their bits."""
+    n = coefficients.shape[-2] - 1
+    if n == degree:
+        return coefficients
+    raised = np.zeros((*coefficients.shape[:-2], degree + 1, coefficients.shape[-1]))
+    for i, row in enumerate(bernstein.product_weights(degree - n, n)):
+        raised[..., i : i + n + 1, :] += row[:, None] * coefficients
+    return raised
+
+
 @jax.jit
 def evaluate(control_points: Array, weights: Array | None, segment: ArrayLike, t: ArrayLike) -> Array:
     """Points at t of the given segments among (segments, points, dim); segment and t broadcast."""
