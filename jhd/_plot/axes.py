@@ -43,6 +43,13 @@ def draw(ax: Any, points: Any, gid: str, **style: Any) -> None:
     ax.plot(*np.moveaxis(np.asarray(points), -1, 0), gid=gid, solid_capstyle="round", **style)
 
 
+def mark(ax: Any, points: Any, gid: str, square: bool = False, **style: Any) -> None:
+    """Points in rows as dots or white squares with a black edge, found by their gid."""
+    dot: dict[str, Any] = {"marker": "o", "markersize": 5.5, "color": VERMILLION, "zorder": 6}
+    shape = {"marker": "s", "markersize": 4.5, "markerfacecolor": "white", "zorder": 5} if square else dot
+    draw(ax, points, gid, linestyle="none", markeredgecolor="black", markeredgewidth=0.8, **(shape | style))
+
+
 def legend_above(ax: Any, columns: int, **style: Any) -> None:
     """A legend above the axes, in text of one size."""
     place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}

@@ -7,7 +7,7 @@ import numpy as np
 
 from jhd._arithmetic.bernstein import basis
 from jhd._distance.project import project
-from jhd._plot.axes import BLUE, GRAY, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd._plot.axes import BLUE, GRAY, TEXT_POINTS, axes_for, draw, finish, mark
 from jhd._results.solution import HausdorffSolution
 from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve
@@ -201,5 +201,4 @@ def _mark_level(ax: Any, pieces: BezierSegments, solution: HausdorffSolution) ->
     size = np.max(np.abs(pieces.control_points))
     if np.max(np.abs(here - point)) <= 1e-5 * size:  # wide enough for float32, far below visible differences
         place = np.array([[segment + t * (pieces.degree > 0), value]])
-        edge = {"markeredgecolor": "black", "markeredgewidth": 0.8, "zorder": 5, "clip_on": False}
-        draw(ax, place, "witness", marker="o", markersize=5.5, color=VERMILLION, linestyle="none", **edge)
+        mark(ax, place, "witness", zorder=5, clip_on=False)

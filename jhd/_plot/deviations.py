@@ -7,7 +7,7 @@ import numpy as np
 
 from jhd._distance.cells.weighted import shares_below
 from jhd._distance.deviation_solution import Deviation, DistanceSamples
-from jhd._plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd._plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, mark
 from jhd._plot.colored import DrawnPieces, distances_at, pieces_of, section
 from jhd._plot.faces import frame
 from jhd._plot.solutions import distance_text
@@ -61,15 +61,11 @@ def deviation(
     Raises:
         ValueError: a shape in space is drawn on plane axes.
     """
-    if ax is None:
-        shown = _ColoredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
-        drawn = _whole(shown, witness, color_bar, _SECTION)
-        histogram(found, drawn.figure.add_axes(_HISTOGRAM, gid="histogram"), labels=labels, unit=unit)
-        return drawn
-    ax = axes_for(ax, found.a.dim)
     shown = _ColoredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
-    _colored(shown, ax, witness, ax if color_bar else None)
-    return ax
+    drawn = _drawn(shown, ax, witness, color_bar, _SECTION)
+    if ax is None:
+        histogram(found, drawn.figure.add_axes(_HISTOGRAM, gid="histogram"), labels=labels, unit=unit)
+    return drawn
 
 
 def distances(
@@ -115,11 +111,7 @@ def distances(
     shown = _ColoredPair(a, b, solution, labels, unit)
     if name_of(solution.direction) == "b_to_a":
         shown = _ColoredPair(b, a, solution, labels[::-1], unit)
-    if ax is None:
-        return _whole(shown, witness, color_bar, _SECTION_ALONE)
-    ax = axes_for(ax, a.dim)
-    _colored(shown, ax, witness, ax if color_bar else None)
-    return ax
+    return _drawn(shown, ax, witness, color_bar, _SECTION_ALONE)
 
 
 def histogram(
@@ -195,14 +187,18 @@ class _ColoredPair(NamedTuple):
     samples: DistanceSamples | None = None
 
 
-def _whole(shown: _ColoredPair, witness: bool, color_bar: bool, section: tuple[float, ...]) -> Any:
-    """A new figure with the colored shape, its color bar and the inset; return the axes of the shape."""
+def _drawn(shown: _ColoredPair, ax: Any, witness: bool, color_bar: bool, section: tuple[float, ...]) -> Any:
+    """The axes with the colored shape; if None is given, a new figure with its color bar and the inset."""
+    if ax is not None:
+        ax = axes_for(ax, shown.a.dim)
+        _colored(shown, ax, witness, ax if color_bar else None)
+        return ax
     import matplotlib.pyplot as plt
 
     # Height of a whole picture as a fraction of its width, in a column.
     figure = plt.figure(figsize=(COLUMN_INCHES, 1.5 * COLUMN_INCHES))
     space = shown.a.dim == 3
-    ax: Any = figure.add_axes(_SPACE if space else _PLANE, projection="3d" if space else None)
+    ax = figure.add_axes(_SPACE if space else _PLANE, projection="3d" if space else None)
     bar = figure.add_axes(_BAR) if color_bar else None
     _colored(shown, ax, witness, None, bar)
     if space:
@@ -236,8 +232,7 @@ def _colored(shown: _ColoredPair, ax: Any, witness: bool, beside: Any, bar: Any 
         ax.set_ylim(*_widened(low[1], high[1]))
         finish(ax)
     if witness and top > 0:
-        style: dict[str, Any] = {"markeredgecolor": "black", "markeredgewidth": 0.8, "linestyle": "none"}
-        draw(ax, point[None], "witness", marker="o", markersize=5.5, color=VERMILLION, zorder=6, **style)
+        mark(ax, point[None], "witness")
     if beside is not None or bar is not None:
         made = ax.figure.colorbar(colors, cax=bar, ax=beside, shrink=0.7 if bar is None else 1.0)
         made.set_label(_length("distance", shown.labels, shown.unit), fontsize=TEXT_POINTS)
@@ -325,9 +320,8 @@ def _inset(shown: _ColoredPair, ax: Any) -> None:
         lines = _flat_lines(shape, point, np.stack([across, up]), reach)
         draw(ax, lines, f"section_{name}", color=color, linestyle=style, linewidth=1.2, label=name)
     draw(ax, np.array([[0, 0], [0, -distance]]), "joining_line", color="black", linewidth=0.8)
-    marks: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markeredgewidth": 0.8}
-    draw(ax, np.zeros((1, 2)), "inset_witness", marker="o", markersize=5.5, color=VERMILLION, zorder=6, **marks)
-    draw(ax, np.array([[0, -distance]]), "inset_foot", marker="s", markersize=4.5, markerfacecolor="white", **marks)
+    mark(ax, np.zeros((1, 2)), "inset_witness")
+    mark(ax, np.array([[0, -distance]]), "inset_foot", square=True)
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-0.5 * distance - reach, -0.5 * distance + reach)
     ax.set_aspect("equal")

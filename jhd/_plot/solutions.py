@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd._plot.axes import BLUE, GRAY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
+from jhd._plot.axes import BLUE, GRAY, ORANGE, TEXT_POINTS, axes_for, draw, finish, legend_above, mark
 from jhd._plot.curves import curve
 from jhd._plot.faces import frame, shaded_shapes
 from jhd._plot.implicit import net
@@ -65,12 +65,8 @@ def witness(
         turn = np.linspace(0.0, 2 * np.pi, 181)
         circle = point + np.linalg.norm(feet[0] - point) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         draw(ax, circle, "empty_circle", color=GRAY, linewidth=0.6, linestyle=":", zorder=3)
-    marks: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markeredgewidth": 0.8}
-    dot: dict[str, Any] = {"marker": "o", "markersize": 5.5, "color": VERMILLION, "zorder": 6} | marks
-    draw(ax, point[None], "witness", label="nearest points" if nearest else "witness", **dot)
-    square: dict[str, Any] = {"marker": "s", "markersize": 4.5, "markerfacecolor": "white", "zorder": 5} | marks
-    name = None if nearest else "foot" if len(feet) == 1 else "feet"
-    draw(ax, feet, "feet", label=name, **(dot if nearest else square))
+    mark(ax, point[None], "witness", label="nearest points" if nearest else "witness")
+    mark(ax, feet, "feet", not nearest, label=None if nearest else "foot" if len(feet) == 1 else "feet")
     draw(ax, spokes, "joining_lines", color="black", linewidth=1.0, label=distance_text(solution), zorder=4)
     if distance:
         _write_distance(ax, solution, point, feet)
