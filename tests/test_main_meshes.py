@@ -38,7 +38,7 @@ def test_a_witness_is_named_by_its_kind_of_shape_without_padding(run):
     np.save("p.npy", [(0.0, 0, 0), (0, 0, 5)])
     status, out, _ = run("hausdorff", "p.npy", "a.ply", "--directed")
     assert status == 0 and "witness  A point 1, at (0, 0, 5)" in out and "foot     B triangle" in out
-    place = place_text("B", "parametric surface", 6, (0.5, 0.25, 0), (1, 2, 3))
+    place = place_text("B", ("patch", "u", "v"), 6, (0.5, 0.25, 0), (1, 2, 3))
     assert place == "B patch 6, t = (0.5, 0.25), at (1, 2, 3)"
     head, row = (line.split("\t") for line in run("project", "p.npy", "0", "0", "6")[1].splitlines())
     assert head == ["distance", "lower", "upper", "point", "foot x", "foot y", "foot z", "result"]

@@ -25,7 +25,7 @@ from jhd._cli.comparisons import project as project
 from jhd._cli.console import busy, device, exit_status, json_text, paced, precision, timed
 from jhd._cli.options import box_of, check_picture, check_writable, curve_of, kind_of, read_shapes, shape_of
 from jhd._cli.output import print_files
-from jhd._cli.report import names_of, picture, shape_line, solution_text
+from jhd._cli.report import picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
 from jhd._distance.certificate.verification import UncheckedCertificateError, sentence
 from jhd._io.certificates import verify_file
@@ -60,9 +60,8 @@ def demo(options: Namespace) -> int:
     with busy("computing; the first run compiles"):
         (there, back), first = timed(both)
         _, again = timed(both)
-    kinds = dict.fromkeys("AB", "curve")
-    print(solution_text("directed distance from A to B", there, kinds, "A", "B"), end="\n\n")
-    print(solution_text("directed distance from B to A", back, kinds, "B", "A"), end="\n\n")
+    print(solution_text("directed distance from A to B", there, {"A": a, "B": b}), end="\n\n")
+    print(solution_text("directed distance from B to A", back, {"B": b, "A": a}), end="\n\n")
     larger, name = max((there, "from A to B"), (back, "from B to A"), key=lambda pair: float(pair[0]))
     print(f"Hausdorff distance, the larger of the two: {float(larger)!r} {name}")
     print(f"time       {first:.2f} s with compilation, {again:.3f} s once compiled (both directions)")
@@ -103,8 +102,7 @@ def fit(options: Namespace) -> int:
         print(json_text(error, **asked, **facts, seconds=seconds))
         return status
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
-    kinds = dict.fromkeys("AB", "curve")
-    print(solution_text("Hausdorff distance", error, kinds, *names_of(error)), end="\n\n")
+    print(solution_text("Hausdorff distance", error, {"A": target, "B": shape}), end="\n\n")
     print(f"within     {tolerance!r}" if near else f"not certified to be within {tolerance!r}")
     print(f"time       {seconds:.2f} s with compilation")
     print_files(fit=options.out, picture=options.plot, page=options.html)

@@ -30,7 +30,6 @@ from jhd._cli.options import (
 )
 from jhd._cli.output import TABLE_SUFFIXES, delivered, print_files
 from jhd._cli.report import (
-    PLACES,
     decision_text,
     deviation_picture,
     deviation_text,
@@ -38,12 +37,12 @@ from jhd._cli.report import (
     interrupted,
     minimum_picture,
     minimum_text,
-    names_of,
     picture,
     shape_line,
     solution_text,
     space_picture,
 )
+from jhd._distance.search.bodies import body_of
 from jhd._plot.pages import plotly_script
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
 from jhd._runtime.clock import Clock
@@ -69,7 +68,7 @@ def hausdorff(options: Namespace) -> int:
 
     def text(a: Any, b: Any, found: HausdorffSolution, size: float) -> str:
         head = "the bounds reached" if interrupted(found) else title
-        lines = solution_text(head, found, {"A": kind_of(a), "B": kind_of(b)}, *names_of(found), size)
+        lines = solution_text(head, found, {"A": a, "B": b}, size)
         return lines if found.directions is None else f"{lines}\n\n{directions_text(*found.directions)}"
 
     return _measured(options, title, entry, decide, early, _draw, text, directed=options.directed)
@@ -214,7 +213,7 @@ def project(options: Namespace) -> int:
 
 def _rows_of(found: Any, shape: Any) -> Iterator[list[Any]]:
     """The rows of projections: distance, bounds, the parameters on the shape, the foot point and the result."""
-    kind, *parameters = PLACES[kind_of(shape)]
+    kind, *parameters = body_of(shape).places
     place = [kind, *parameters] if kind else []
     yield ["distance", "lower", "upper", *place, *(f"foot {axis}" for axis in "xyz"[: shape.dim]), "result"]
     columns = [found.distance, found.lower, found.upper, found.element, found.t, found.foot]

@@ -25,14 +25,6 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 from jhd.progress import Progress
 
-# The columns that locate a point on each kind of shape: its piece and the parameters there.
-PLACES = {
-    "curve": ("segment", "t"),
-    "set of points": ("point",),
-    "mesh": ("triangle", "t1", "t2", "t3"),
-    "parametric surface": ("patch", "u", "v"),
-    "implicit surface": ("",),
-}
 _MILLIMETERS = 1 / 25.4
 _PICTURE_SIZE = 180 * _MILLIMETERS, 102 * _MILLIMETERS  # two columns of a journal
 PICTURE_DPI = 200
@@ -48,15 +40,12 @@ def bar(done: int, count: int) -> str:
     return f"[{'#' * filled}{'.' * (_BAR - filled)}] {done}/{count}"
 
 
-def names_of(solution: HausdorffSolution) -> tuple[str, str]:
-    """The letters of the shape with the witness and of the shape with its feet."""
-    return ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
-
-
 def solution_text(
-    title: str, solution: HausdorffSolution, kinds: dict[str, str], name: str, other: str, diagonal: float | None = None
+    title: str, solution: HausdorffSolution, shapes: dict[str, Any], diagonal: float | None = None
 ) -> str:
-    """One solution in lines; the point lies on the shape `name`, its feet on `other`; `kinds` are those of both."""
+    """One solution in lines; `shapes` are the two shapes of the call, in its order, by their names."""
+    known = [(name, body_of(shape).places) for name, shape in shapes.items()]
+    (name, on), (other, under) = known if name_of(solution.direction) == "a_to_b" else known[::-1]
     w = solution.witness
     lines = [
         title,
@@ -64,14 +53,12 @@ def solution_text(
         *_bound_lines(solution, "not certified by this method"),
         *_share_line("  relative ", solution.value, diagonal),
         f"  event    {name_of(solution.event)}",
-        f"  witness  {place_text(name, kinds[name], w.element, w.t, w.point)}",
+        f"  witness  {place_text(name, on, w.element, w.t, w.point)}",
     ]
     seen: list[tuple[float, ...]] = []
     for foot, segment, t, weight in zip(w.feet, w.feet_elements, w.feet_params, w.multipliers, strict=True):
         if (here := tuple(np.asarray(foot).tolist())) not in seen:
-            lines.append(
-                f"  foot     {place_text(other, kinds[other], segment, t, foot)}, multiplier {float(weight):.4g}"
-            )
+            lines.append(f"  foot     {place_text(other, under, segment, t, foot)}, multiplier {float(weight):.4g}")
             seen.append(here)
     if not successful(solution):
         lines.append(f"  result   {_with_sentence(solution.result)}")
@@ -86,8 +73,7 @@ def deviation_text(found: Deviation, threshold: float | None, quantile: float | 
     lengths = len(rows)
     if threshold is not None:
         rows[f"fraction within {threshold!r}"] = found.fraction_within(threshold)
-    kind = ("points", "length", "area")[body_of(found.a).dimension or 0]
-    rows[f"{kind} of A"] = found.size
+    rows[f"{body_of(found.a).measure} of A"] = found.size
     width = max(map(len, rows))
     ends = [(lower_text(known.lower), upper_text(known.upper)) for known in rows.values()]
     wide = 2 + max(len(text) for row in ends for text in row)
@@ -153,9 +139,9 @@ def _with_sentence(item: Any) -> str:
     return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
 
 
-def place_text(name: str, kind: str, element: Any, t: Any, point: Any) -> str:
-    """A point of a shape with its element and its parameters there, as far as the kind has them."""
-    label, *parameters = PLACES[kind]
+def place_text(name: str, places: tuple[str, ...], element: Any, t: Any, point: Any) -> str:
+    """A point of a shape with its element and its parameters there, as far as its body has them."""
+    label, *parameters = places
     where = f" {label} {int(element)}," if label and int(element) >= 0 else ""
     if where and parameters:
         numbers = [f"{float(x):.9g}" for x in np.atleast_1d(t)[: len(parameters)]]

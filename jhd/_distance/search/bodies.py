@@ -47,6 +47,8 @@ class PointBody(AbstractBody):
     """A set of points: BezierSegments of degree zero."""
 
     name = "set of points"
+    measure = "points"
+    places = ("point",)
     dimension = 0
     make_target = PointTarget
     feet_named = PointTarget.feet_named
@@ -155,6 +157,8 @@ class CurveBody(AbstractNetBody):
     """A curve; its working form is BezierSegments."""
 
     name = "curve"
+    measure = "length"
+    places = ("segment", "t")
     dimension = 1
     most_points = 1 << 16
 
@@ -168,6 +172,7 @@ class PatchBody(AbstractNetBody):
     """A parametric surface; its working form is BezierPatches."""
 
     name = "parametric surface"
+    places = ("patch", "u", "v")
     # A B-spline surface is found by its own numbers, a sixteenth of those of its patches.
     make_target = staticmethod(_target_of_pieces)
     parameters = (2,)
@@ -185,6 +190,7 @@ class MeshBody(AbstractBody):
     """A triangle mesh."""
 
     name = "mesh"
+    places = ("triangle", "t1", "t2", "t3")
     make_target = MeshTarget
     parameters = (3,)
     most_points = 1 << 18

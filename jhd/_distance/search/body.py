@@ -59,8 +59,10 @@ class AbstractBody(ABC):
         shape: the shape; most methods need its working form, see jhd._shapes.prepared.
     """
 
-    # The kind in words.
+    # The kind in words, its measure, and the piece and the parameters that locate a point ("" without pieces).
     name: str
+    measure: str = "area"
+    places: tuple[str, ...] = ("",)
     # Dimension of its measure: 0 for a number of points, 1 a length, 2 an area; None if no measure is certified.
     dimension: int | None = 2
     # Shape of the array of parameters of a point.
