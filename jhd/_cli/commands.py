@@ -37,21 +37,16 @@ from jhd._runtime.programs import refused
 from jhd.io import save_curve, save_mesh
 from jhd.progress import Progress
 
-_DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
-_DEMO_LETTER = "a"
-_DEMO_FILE = "jhd-demo.png"
-# Special exit statuses: a certificate that is refused, and a self-check that fails.
-_REFUSED, _FAILED_CHECK = 4, 5
 _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
 
 def demo(options: Namespace) -> int:
     """Both directed distances between one letter in two fonts, as text and as a picture."""
-    file = options.demo or _DEMO_FILE
+    file, fonts = options.demo or "jhd-demo.png", {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
     check_picture(file)
-    specs = [f"font:{font}:{_DEMO_LETTER}" for font in _DEMO_FONTS.values()]
+    specs = [f"font:{font}:a" for font in fonts.values()]
     a, b = (curve_of(name, spec) for name, spec in zip("AB", specs, strict=True))
-    print(f"The letter {_DEMO_LETTER} in two fonts, in font units\n")
+    print("The letter a in two fonts, in font units\n")
     print(shape_line("A", specs[0], a), shape_line("B", specs[1], b), sep="\n", end="\n\n")
 
     def both() -> list[HausdorffSolution]:
@@ -67,7 +62,7 @@ def demo(options: Namespace) -> int:
     print(f"time       {first:.2f} s with compilation, {again:.3f} s once compiled (both directions)")
     print(f"device     {device()}, {precision()}")
     with busy("drawing"):
-        picture(file, a, b, (there, back), list(_DEMO_FONTS), "font units")
+        picture(file, a, b, (there, back), list(fonts), "font units")
     print_files(picture=file)
     return exit_status(there, back)
 
@@ -123,7 +118,7 @@ def verify(options: Namespace) -> int:
         return 1
     except jhd.CertificateError as error:
         print(f"jhd: refused: {options.file}: {error}", file=sys.stderr)
-        return _REFUSED
+        return 4
     seconds = time.perf_counter() - start
     if options.json:
         print(json.dumps({"file": options.file, "proven": proven._asdict(), "seconds": seconds}, indent=2))
@@ -190,7 +185,7 @@ def doctor(options: Namespace) -> int:
     else:
         width = max(map(len, facts))
         print("\n".join(f"{name:<{width}}  {fact}" for name, fact in facts.items()))
-    return 0 if good else _FAILED_CHECK
+    return 0 if good else 5
 
 
 def precompile(options: Namespace) -> int:

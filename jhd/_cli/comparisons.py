@@ -55,8 +55,6 @@ from jhd.progress import Callback, Progress
 
 # Points in one batch of projections, some seconds of work: onto surfaces, and onto other shapes.
 _FEW_POINTS, _MANY_POINTS = 1_000, 100_000
-# The exit status of each answer; undecided counts as bounds not closed.
-_STATUS = {"yes": 0, "no": 3, "undecided": 1}
 
 
 def hausdorff(options: Namespace) -> int:
@@ -117,7 +115,8 @@ def _measured(
     status, stopped = exit_status(found), interrupted(found)
     files = {} if stopped else _written(options, a, b, found, draw)
     if options.threshold is not None and not stopped:
-        status = _STATUS[name_of(found.answer)]
+        # An undecided question counts as bounds not closed.
+        status = {"yes": 0, "no": 3, "undecided": 1}[name_of(found.answer)]
     if options.certificate and not stopped and not files["proof"]:
         status = 1
     if delivered(options, found, **asked, diagonal=size, seconds=seconds):

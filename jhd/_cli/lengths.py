@@ -7,8 +7,6 @@ import argparse
 import math
 from typing import Any, NamedTuple
 
-_DIGITS = 4
-
 
 class Length(NamedTuple):
     """A length as given on the command line."""
@@ -55,7 +53,7 @@ def rounded_diagonal(*shapes: Any) -> float:
     Raises:
         ValueError: the dimensions of the shapes differ.
     """
-    return float(f"{_diagonal(*shapes):.{_DIGITS}g}")
+    return float(f"{_diagonal(*shapes):.4g}")
 
 
 def _diagonal(*shapes: Any) -> float:

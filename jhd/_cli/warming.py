@@ -22,8 +22,6 @@ KINDS = {
     "surfaces": "implicit surfaces",
     "meshes": "triangle meshes",
 }
-_CURVE_DEGREE, _SURFACE_DEGREE = 3, 2
-_BOX = [-2.0] * 3, [2.0] * 3
 
 
 class Preparation(NamedTuple):
@@ -47,10 +45,10 @@ def _calls(kind: str, degree: int | None) -> Iterator[tuple[str, Callable[[], An
     if kind == "meshes":
         a, b = _mesh(0.0), _mesh(0.5)
     elif kind == "surfaces":
-        n = _SURFACE_DEGREE if degree is None else degree
-        a, b = (jhd.ImplicitSurface.parse(f"x**{n} + y**{n} + z**{n} - {size}", *_BOX) for size in (1, 2))
+        n = 2 if degree is None else degree
+        a, b = (jhd.ImplicitSurface.parse(f"x**{n} + y**{n} + z**{n} - {size}", -2.0, 2.0) for size in (1, 2))
     else:
-        n = _CURVE_DEGREE if degree is None else degree
+        n = 3 if degree is None else degree
         a, b = (_curve(n, 3 if kind == "space" else 2, kind == "rational", move) for move in (0.0, 0.5))
     yield "Hausdorff distance", partial(jhd.hausdorff, a, b, throw=False)
     yield "decision", partial(jhd.hausdorff_at_most, a, b, 1.0)

@@ -22,7 +22,6 @@ from jhd._io.errors import ParseError
 from jhd._shapes.curve import BezierSegments
 
 _SUFFIXES = (".ttf", ".otf", ".ttc", ".otc")
-_NORMAL_WEIGHT = 400
 # Parts that letters are put together of, and pieces, in one letter: parts of parts double at every level, and three
 # bytes stand for 256 points. A simple letter of the format has no more points.
 _MOST_PARTS, _MOST_PIECES = 1_000, 1 << 16
@@ -171,8 +170,8 @@ def _font_file(font: str) -> str:
 def _preference(entry: Any) -> tuple[bool, int, bool, bool, str]:
     """Sort key: regular faces first, then files that come with matplotlib, which do not depend on the machine."""
     style = entry.style != "normal"
-    stretch = entry.stretch != "normal"
-    return style, abs(int(entry.weight) - _NORMAL_WEIGHT), stretch, not _is_carried(entry), entry.fname
+    stretch, weight = entry.stretch != "normal", abs(int(entry.weight) - 400)
+    return style, weight, stretch, not _is_carried(entry), entry.fname
 
 
 def _is_carried(entry: Any) -> bool:

@@ -188,13 +188,10 @@ def _area(shapely: Any, chains: list[np.ndarray]) -> Any:
         area = shapely.build_area(shapely.MultiLineString([shapely.LineString(chain) for chain in chains]))
     kept = area.boundary.length if area.geom_type.endswith("Polygon") else 0.0
     lost = abs(kept - sum(shapely.LineString(chain).length for chain in chains))
-    if not area.is_valid or lost > _LENGTH * kept:
+    # Sums of lengths in different orders differ by less.
+    if not area.is_valid or lost > 1e-9 * kept:
         raise ValueError("the contours cross each other or themselves, so they bound no area.")
     return area
-
-
-# Largest relative difference of sums of lengths in different orders.
-_LENGTH = 1e-9
 
 
 def to_path(curve: AbstractCurve, tolerance: float | None = None) -> Path:

@@ -13,9 +13,6 @@ from jhd._shapes.as_shape import ShapeLike, taken_as
 from jhd._shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd._shapes.foreign import Axes
 
-_PROFILE_SAMPLES = 1500  # in all; more than the pixels of a column at 300 dpi
-_LEVEL = 1e-9  # fraction of the largest distance below which a rise is rounding, not a maximum
-
 
 def curve(
     shape: ShapeLike,
@@ -111,7 +108,8 @@ def distance_profile(
     first, second = taken_as("a", a), taken_as("b", b)
     check_pair(first, second)
     pieces = first.segments()
-    steps = int(np.clip(_PROFILE_SAMPLES // pieces.count, 8, 256)) if samples is None else samples
+    # In all more samples than a column has pixels at 300 dpi.
+    steps = int(np.clip(1500 // pieces.count, 8, 256)) if samples is None else samples
     if steps < 1:
         raise ValueError(f"samples is {steps}; needs at least 1.")
     ax = axes_for(ax, 2)
@@ -180,7 +178,8 @@ def _local_maxima(distances: np.ndarray, next_segment: np.ndarray) -> np.ndarray
     previous[next_segment[next_segment >= 0]] = np.flatnonzero(next_segment >= 0)
     before = np.where(previous >= 0, distances[previous, -2], -np.inf)
     after = np.where(next_segment >= 0, distances[next_segment, 1], -np.inf)
-    level = _LEVEL * np.max(distances)
+    # A smaller rise is rounding, not a maximum.
+    level = 1e-9 * np.max(distances)
     left = np.concatenate([before[:, None], distances[:, :-1]], axis=1)
     right = np.concatenate([distances[:, 1:], after[:, None]], axis=1)
     tops = (distances > left + level) & (distances >= right - level)

@@ -15,14 +15,11 @@ from jhd._results.solution import HausdorffSolution, name_of
 from jhd._shapes.as_shape import Shape, ShapeLike, as_shape
 from jhd._shapes.foreign import Axes
 
-# Readable in gray and by color-blind readers.
-_COLORS = "viridis"
 # Positions in a whole picture of the shape in space or in the plane, the color bar, the histogram and the inset.
 _SPACE, _PLANE, _BAR = (0.05, 0.45, 0.63, 0.52), (0.18, 0.5, 0.53, 0.47), (0.76, 0.52, 0.03, 0.44)
 _HISTOGRAM, _SECTION = (0.16, 0.1, 0.38, 0.23), (0.655, 0.1, 0.33, 0.23)
 # The inset of a picture that has no histogram.
 _SECTION_ALONE = (0.2, 0.1, 0.6, 0.23)
-_BINS = 40
 
 
 def deviation(
@@ -142,7 +139,7 @@ def histogram(
     known = np.isfinite(parts.upper)
     weight = parts.fraction[known].sum(axis=1)
     top = float(found.maximum.value)
-    edges = np.linspace(0.0, top if top > 0 else 1.0, _BINS + 1)
+    edges = np.linspace(0.0, top if top > 0 else 1.0, 41)
     lower, upper = (np.minimum(ends[known], edges[-1]) for ends in (parts.lower, parts.upper))
     middle = np.mean(parts.ends[known], axis=2)
     affine = np.max(middle, axis=1) > np.min(middle, axis=1)
@@ -217,7 +214,8 @@ def _colored(shown: _ColoredPair, ax: Any, witness: bool, beside: Any, bar: Any 
     pieces = pieces_of(shown.a)
     top = float(shown.maximum.value)
     values = distances_at(pieces.points, shown.b, top, shown.samples)
-    colors = ScalarMappable(Normalize(0.0, top if top > 0 else 1.0), _COLORS)
+    # Colors readable in gray and by color-blind readers.
+    colors = ScalarMappable(Normalize(0.0, top if top > 0 else 1.0), "viridis")
     rgba: Any = colors.to_rgba(np.mean(values[pieces.rows], axis=1))
     {1: _as_points, 2: _as_lines, 3: _as_faces}[pieces.rows.shape[1]](ax, pieces, rgba)
     point = np.asarray(shown.maximum.witness.point)

@@ -14,8 +14,6 @@ from jhd._shapes.foreign import Axes
 from jhd._shapes.implicit import ImplicitSurface, check_surface
 from jhd._shapes.patch import AbstractPatch
 
-_LINES = 257  # samples along each axis of the curve in which a plane cuts a surface
-
 
 def surface(
     shape: ImplicitSurface | AbstractPatch,
@@ -201,7 +199,7 @@ def section(
     classes = _classes(shape, cells, axis, min(int((at - low[axis]) / spacing[axis]), counts[axis] - 1), counts)
     x, y = (np.linspace(low[k], high[k], counts[k] + 1) for k in (u, v))
     _draw_classes(ax, x, y, classes)
-    x, y = np.meshgrid(*(np.linspace(low[k], high[k], _LINES) for k in (u, v)))
+    x, y = np.meshgrid(*(np.linspace(low[k], high[k], 257) for k in (u, v)))
     values = shape(np.insert(np.stack([x, y], axis=-1), axis, at, axis=-1))
     ax.contour(x, y, np.asarray(values), levels=[0.0], colors="black", linewidths=1.0).set_gid("curve")
     finish(ax)

@@ -13,8 +13,6 @@ from numpy.polynomial.polynomial import polyder, polygrid3d, polyval3d
 from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.patch import AbstractPatch
 
-_STEPS = 3
-
 
 def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "cells corners 3"]:
     """Quadrilaterals of a surface from a grid of `cells` cells along each axis, with corners in cyclic order.
@@ -75,7 +73,7 @@ def _crossings(lines: list[np.ndarray], values: np.ndarray) -> tuple[np.ndarray,
 def _onto(coefficients: np.ndarray, points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """The points after some steps of Newton's method along the gradient, each within its cell."""
     slopes = [polyder(coefficients, axis=axis) for axis in range(3)]
-    for _ in range(_STEPS):
+    for _ in range(3):
         x, y, z = points.T
         gradient = np.stack([polyval3d(x, y, z, slope) for slope in slopes], axis=-1) * (lower < upper)
         square = np.sum(gradient**2, axis=-1, keepdims=True)

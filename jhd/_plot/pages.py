@@ -140,9 +140,6 @@ _SIDE, _MARGIN = 640.0, 14.0
 _WIDE, _HIGH = 640.0, 150.0
 # The room above the largest distance of a profile.
 _ABOVE = 1.06
-_OPACITY = 0.2
-# The color in the middle of the color scale.
-_MIDDLE = "#21918c"
 
 
 def page(
@@ -343,7 +340,7 @@ def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, titl
     shown = {"name": name, "legendgroup": name, "showlegend": True}
     if size == 3:
         corners = dict(zip("ijk", drawn.rows.T.tolist(), strict=True))
-        colors = {"color": GRAY, "opacity": _OPACITY} if values is None else {"intensity": _short(values), **scale}
+        colors = {"color": GRAY, "opacity": 0.2} if values is None else {"intensity": _short(values), **scale}
         return {"type": "mesh3d", **_places(drawn.points), **corners, **shown, **colors, "flatshading": False}
     rows = drawn.rows if size == 1 else np.concatenate([drawn.rows, drawn.rows[:, :1]], axis=1)
     points = drawn.points[rows.ravel()]
@@ -359,7 +356,8 @@ def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, titl
 
 def _in_key(name: str, place: np.ndarray) -> dict[str, Any]:
     """The key's line for one of many colors: of no length, shown and hidden with it."""
-    style = {"line": {"width": 6, "color": _MIDDLE}, "legendgroup": name}
+    # The color in the middle of the color scale.
+    style = {"line": {"width": 6, "color": "#21918c"}, "legendgroup": name}
     return {"type": "scatter3d", "mode": "lines", "name": name, **style, **_places(np.stack([place, place]))}
 
 

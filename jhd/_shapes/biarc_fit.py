@@ -18,9 +18,6 @@ from jhd._shapes.deviation import SHORT, HostArcs, HostCurve, Pieces, deviation,
 
 # Parameters inside a piece at which the joint's equation is sampled.
 _SAMPLES = 15
-# A biarc of length h errs by h^2 / 324 times the change of curvature if the curvature grows evenly (Meek & Walton
-# 1995). No biarc is tried if this error exceeds _HOPELESS tolerances.
-_SHARE, _HOPELESS = 324, 4
 
 
 def fitted(curve: HostCurve, tolerance: float) -> HostArcs:
@@ -78,8 +75,10 @@ def _hopeless(curve: HostCurve, pieces: Pieces, tolerance: float) -> np.ndarray:
     bends = [(n - 1) / n * np.imag(legs[k].conj() * legs[k + 1]) for k in (0, 2)]
     cubes = [np.abs(legs[k]) ** 3 for k in (0, 3)]
     change = np.abs(bends[1] * cubes[0] - bends[0] * cubes[1]) * np.abs(pieces.chord) ** 2
+    # A biarc of length h errs by h^2 / 324 times the change of curvature if the curvature grows evenly (Meek & Walton
+    # 1995). No biarc is tried if this error exceeds four tolerances.
     with np.errstate(over="ignore"):
-        return change > _SHARE * _HOPELESS * np.ldexp(tolerance, -curve.first - curve.second) * cubes[0] * cubes[1]
+        return change > 324 * 4 * np.ldexp(tolerance, -curve.first - curve.second) * cubes[0] * cubes[1]
 
 
 def _biarc(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[HostArcs, HostArcs, np.ndarray]:

@@ -39,8 +39,6 @@ from jhd._shapes.knots import (
 from jhd._shapes.unchecked import segments_of
 
 _NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(points, degree) or .uniform(..., periodic=True)"
-# Control points of curves whose pieces are remembered: their conversion takes as long as a search.
-_FEW = 4096
 
 
 class BSplineCurve(AbstractCurve):
@@ -236,7 +234,8 @@ class BSplineCurve(AbstractCurve):
         point and are joined. Other ends are joined if they agree.
         """
         arrays = self.control_points, self.weights, self.knots
-        if is_traced(arrays) or self.control_points.shape[0] > _FEW:
+        # The pieces of curves of few control points are remembered: their conversion takes as long as a search.
+        if is_traced(arrays) or self.control_points.shape[0] > 4096:
             return segments_of(*_joined_pieces(arrays, self.periodic))
         numbers = tuple(None if x is None else (np.asarray(x).tobytes(), x.dtype, x.shape) for x in arrays)
         return segments_of(*_last_pieces(numbers, self.periodic))
