@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd._arithmetic import bernstein
 from jhd._results.display import batch_text, count_text, described, fields_shown, is_known, net_text, opaque, size_text
-from jhd._runtime.arrays import array_of, real_array
+from jhd._runtime.arrays import array_of, on_host, real_array
 from jhd._runtime.compiled import optimized
 from jhd._shapes import sketches
 from jhd._shapes.approximation import Approximation, checked_tolerance
@@ -148,8 +148,10 @@ class AbstractPatch(AbstractHasArea):
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the bounding box of the control points; the surface lies inside."""
-        control_points = self.patches().control_points
-        return jnp.min(control_points, axis=(-4, -3, -2)), jnp.max(control_points, axis=(-4, -3, -2))
+        # On the host: a reduction would be compiled for every number of patches.
+        (control_points,) = on_host(self.patches().control_points)
+        low, high = control_points.min(axis=(-4, -3, -2)), control_points.max(axis=(-4, -3, -2))
+        return array_of(low), array_of(high)
 
     def partials(self, u: Numbers, v: Numbers) -> Partials:
         """Points and their first and second partial derivatives in the parameters of the surface.
