@@ -178,7 +178,7 @@ def test_traced_arrays_are_points_and_vertices_with_derivatives():
         (trimesh.load_path(ROWS), TypeError, "got Path2D"),
         (SimpleNamespace(points=CORNERS, cells=[FACES]), TypeError, "got SimpleNamespace"),
     ],
-    ids="number text wide empty quads shares pyvista_quads both trimmed volume path grid".split(),
+    ids="number text wide empty quads shares pyvista_quads ended short both trimmed volume path grid".split(),
 )
 def test_what_is_no_shape_is_refused(as_a_user, value, error, message):
     with pytest.raises(error, match=message):
