@@ -73,8 +73,9 @@ def deviation(
     - Quantiles and fractions come from the same cells. Their bounds are as wide as the distance varies within a cell;
       `rtol` covers only the quantile that you pass.
 
-    Meshes that cross a curved `b` take minutes at the default tolerance: begin with `rtol=1e-2`. The largest deviation
-    lies at `maximum.witness.point`.
+    Meshes that cross a curved `b` many times, such as noisy scans, take minutes, also with `rtol=1e-2`: begin with
+    `rtol=0.05, max_seconds=60, throw=False`, and read the bounds. The largest deviation lies at
+    `maximum.witness.point`.
 
     `maximum.value` and the distances of `at(params)` have first derivatives in both shapes. The derivative of
     `maximum.value` has an error of about the square root of its gap. The mean and all bounds have no derivative: their
@@ -158,6 +159,8 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
             "MeanDistance, RMSDistance or QuantileDistance, and directed_hausdorff for the maximum."
         )
     check_whole("max_cells", max_cells, 16)
+    if rtol is None:
+        raise TypeError("rtol is None; needs a number of at least 0.")
     given = None if atol is None else real_array("atol", atol)
     relative = real_array("rtol", rtol)
     check_scalar("atol", given)

@@ -219,7 +219,7 @@ class Deviation(AbstractSolution):
         return float(self.mean)
 
     def __repr__(self) -> str:
-        rows = {"maximum": self.maximum, "rms": self.rms, "mean": self.mean, "median": self.quantile(0.5)}
+        rows = {"maximum": self.maximum, "rms": self.rms, "mean": self.mean}
         text = ", ".join(f"{name} in {x:.6g}" for name, x in rows.items())
         return f"Deviation({text},\n  {len(self.samples.lower)} parts, {name_of(self.result)})"
 

@@ -58,7 +58,8 @@ def directed_hausdorff(
         method: the method with its options; by default BranchAndBound(), which accepts all shapes. The methods in
             `jhd.published` are for comparison: CubeIntervals() accepts implicit surfaces, outside jit, TwoStep()
             curves, and BiarcTrimming() and AlgebraicEvents() polynomial curves in the plane, outside jit.
-        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The search ends when the gap is at
+            most the larger of both tolerances.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
             units in the last place) of the diagonal of the joint bounding box. A published
             method has options of its own.
@@ -113,7 +114,8 @@ def hausdorff(
         method: the method with its options; by default BranchAndBound(), which accepts all shapes. The methods in
             `jhd.published` are for comparison: CubeIntervals() accepts implicit surfaces, outside jit, TwoStep()
             curves, and BiarcTrimming() and AlgebraicEvents() polynomial curves in the plane, outside jit.
-        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The search ends when the gap is at
+            most the larger of both tolerances.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
             units in the last place) of the diagonal of the joint bounding box. A published
             method has options of its own.

@@ -80,7 +80,8 @@ def minimum_distance(
         method: BranchAndBound(...), the default, or VoxelPairs(...) for surfaces and meshes, whose result is
             RESULTS.not_certified and never raises. A step is sixteen pairs of cells; for meshes, a block of pairs or
             one exact pair. `queue_size` is the initial size of the queue of pairs.
-        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The search ends when the gap is at
+            most the larger of both tolerances.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; the default is described at
             BranchAndBound.
         throw: whether to raise NotProvenError if the bounds do not close; by default True.

@@ -39,6 +39,9 @@ def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh
     - `.xyz`, `.csv`, `.txt`, `.npy`, and `.ply` without faces: a point set, see `load_points`
     - `.geojson`, `.wkt`: the points, lines and rings of all geometries, in the unit of the file, with shapely
 
+    Letters are in font units, of which fonts have 1000 or 2048 to the em. To compare letters of two fonts, load them by
+    `load_glyph` with `size=1`.
+
     >>> import jhd
     >>> jhd.io.load_shape("M0 0 H4 V2 Z").count, jhd.io.load_shape("font:DejaVu Sans:l").count
     (3, 4)

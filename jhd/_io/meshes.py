@@ -123,7 +123,7 @@ def _read_obj(file: object, content: bytes) -> Polygons:
             sizes.append(len(named))
             polygon_lines.append(number)
     points = coordinates_in(file, vertices, vertex_lines)
-    return _polygons(points, corners, sizes, vertex_lines, polygon_lines)
+    return _polygons(points, corners, sizes, vertex_lines, polygon_lines)._replace(base=1)
 
 
 def _joined(content: bytes) -> bytes:

@@ -36,6 +36,7 @@ class Polygons(NamedTuple):
     vertex_places: Sequence[int] | np.ndarray  # line or byte of each vertex in the file
     polygon_places: Sequence[int] | np.ndarray  # line or byte of each polygon in the file
     by_line: bool = True  # whether these are lines, not bytes
+    base: int = 0  # the number of the first vertex in the file
 
 
 def mesh_of(file: object, found: Polygons) -> TriangleMesh:
@@ -61,7 +62,8 @@ def mesh_of(file: object, found: Polygons) -> TriangleMesh:
     bad = np.flatnonzero((corners < 0) | (corners >= len(vertices)))
     if len(bad):
         polygon = int(np.searchsorted(np.cumsum(sizes), bad[0], side="right"))
-        message = f"a face names vertex {corners[bad[0]]}, counted from 0; there are {len(vertices)}."
+        named = f"{corners[bad[0]] + found.base}, counted from {found.base}"
+        message = f"a face names vertex {named}; there are {len(vertices)}."
         raise _refusal(file, message, found.polygon_places[polygon], found.by_line)
     triangles, starts = fans(corners, sizes), np.cumsum(sizes) - sizes
     for polygon in _no_fans(vertices, corners, sizes):

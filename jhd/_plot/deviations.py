@@ -58,6 +58,11 @@ def deviation(
     Raises:
         ValueError: a shape in space is drawn on plane axes.
     """
+    if not isinstance(found, Deviation):
+        got = type(found).__name__
+        raise TypeError(
+            f"found is a {got}; needs the result of jhd.deviation. plot.distances draws a HausdorffSolution."
+        )
     shown = _ColoredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
     drawn = _drawn(shown, ax, witness, color_bar, _SECTION)
     if ax is None:

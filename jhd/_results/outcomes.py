@@ -78,13 +78,19 @@ RESULTS._index_to_message[int(RESULTS.successful._value)] = "All requested bound
 
 
 class EVENTS(eqx.Enumeration):
-    """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014).
+    """How the maximum of the distance arises (Elber & Grandine 2008; Cao et al. 2014).
 
-    An end of a surface is its border, or a face of its box. In the names, a is the shape that carries the farthest
-    point, and b is the shape that carries its foot points.
+    - a_end: the farthest point is a free end of its shape.
+    - corner: the farthest point is a corner of its shape.
+    - b_end: its foot point is a free end or a corner of the other shape.
+    - antipodal: the line from the farthest point to its foot point is normal to both shapes.
+    - one_to_two: two foot points are equally near.
+    - coincident: the distance is zero.
 
-    The members are a_end, corner, b_end, antipodal, one_to_two and coincident. Compare with a member, as in
-    `solution.event == jhd.EVENTS.corner`; `jhd.EVENTS[solution.event]` is its sentence.
+    In these names, a is the shape with the farthest point and b the shape with its foot points, whichever was passed
+    first. An end of a surface is its border, or a face of its box. Compare with a member, as in
+    `solution.event == jhd.EVENTS.corner`; `jhd.EVENTS[solution.event]` is its sentence, and `solution.to_dict()` holds
+    its name.
     """
 
     a_end = "The farthest point is a free end of its shape."

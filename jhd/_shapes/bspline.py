@@ -62,7 +62,8 @@ class BSplineCurve(AbstractCurve):
             if periodic.
         knots: (n + p + 1,) non-decreasing parameters; differentiable like the points.
         weights: (n,) positive weights; None means a polynomial spline.
-        periodic: whether the curve is closed and its parameter wraps.
+        periodic: whether the parameter wraps, for knots and control points of a closed curve. Clamped knots leave the
+            curve open: make a closed one by `uniform(points, periodic=True)`.
 
     Raises:
         ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity; weights that are not

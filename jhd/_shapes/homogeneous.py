@@ -146,7 +146,9 @@ def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
     """
     matrix, offset = real_array("matrix", matrix), real_array("offset", offset)
     if matrix.ndim != 2 or matrix.shape[1] != points.shape[-1]:
-        raise ValueError(f"matrix has shape {matrix.shape}; needs (dim, {points.shape[-1]}).")
+        dim = points.shape[-1]
+        scaling = f" To scale by a number, pass number * jnp.eye({dim})." if matrix.ndim == 0 else ""
+        raise ValueError(f"matrix has shape {matrix.shape}; needs (new_dim, {dim}).{scaling}")
     if offset.ndim > 1 or offset.shape not in ((), (1,), (matrix.shape[0],)):
         raise ValueError(f"offset has shape {offset.shape}; needs ({matrix.shape[0]},).")
     # A sum of products in full precision: matrix products may run in reduced precision on accelerators.

@@ -175,7 +175,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.obj", "v 0 0 0\nv 1 x 0", r"a\.obj:2: needs a number; found 'x'"),
         ("a.obj", "v 0 0\nf 1 1 1", r"a\.obj:1: a vertex has 2 coordinates; needs 3"),
         ("a.obj", "v 0 0 0\nv 0 nan 0\nf 1 2 1", r"a\.obj:2: the vertex \(0, nan, 0\) is not finite"),
-        ("a.obj", "v 0 0 0\nf 1 1 2", r"a\.obj:2: a face names vertex 1, counted from 0; there are 1"),
+        ("a.obj", "v 0 0 0\nf 1 1 2", r"a\.obj:2: a face names vertex 2, counted from 1; there are 1"),
         ("a.obj", "v 0 0 0\nf 1 1 0", r"a\.obj:2: a face names vertex 0; needs 1 to 1, or -1 to -1"),
         ("a.obj", "v 0 0 0\nf 1 1 -2", r"a\.obj:2: a face names vertex -2"),
         ("a.obj", "v 0 0 0\n\nf 1 1", r"a\.obj:3: a face has 2 corners; needs at least 3"),

@@ -114,7 +114,7 @@ def test_a_closed_curve_follows_itself():
         (lambda: BezierCurve(POINTS).restrict(0, 1.5), r"t1 is 1\.5; needs 0 <= t1 <= 1\."),
         (lambda: BezierCurve(POINTS).elevate(2), r"degree is 3; cannot elevate to 2\."),
         (lambda: BezierCurve(POINTS)(np.nan), r"t is not finite: nan\."),
-        (lambda: BezierCurve(POINTS).transform(np.eye(3)), r"matrix has shape \(3, 3\); needs \(dim, 2\)\."),
+        (lambda: BezierCurve(POINTS).transform(np.eye(3)), r"matrix has shape \(3, 3\); needs \(new_dim, 2\)\."),
     ],
 )
 def test_wrong_values_are_refused(call, message):

@@ -382,7 +382,10 @@ def test_what_is_no_scipy_spline_is_refused():
         (lambda: BSplineCurve(POINTS, DOUBLE).insert_knot([0.5]), r"t has shape \(1,\); needs a scalar\."),
         (lambda: BSplineCurve(POINTS, DOUBLE)([0.5, np.nan]), r"t\[1\] is not finite: nan\."),
         (lambda: BSplineCurve(POINTS, DOUBLE).elevate(2), r"degree is 3; cannot elevate to 2\."),
-        (lambda: BSplineCurve(POINTS, DOUBLE).transform(np.eye(3)), r"matrix has shape \(3, 3\); needs \(dim, 2\)\."),
+        (
+            lambda: BSplineCurve(POINTS, DOUBLE).transform(np.eye(3)),
+            r"matrix has shape \(3, 3\); needs \(new_dim, 2\)\.",
+        ),
     ],
 )
 def test_wrong_values_are_refused(call, message):

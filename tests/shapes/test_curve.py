@@ -186,7 +186,7 @@ def test_a_projection_that_closes_a_curve_joins_its_ends():
 @pytest.mark.parametrize(
     ("matrix", "offset", "message"),
     [
-        (np.eye(3), 0.0, r"matrix has shape \(3, 3\); needs \(dim, 2\)"),
+        (np.eye(3), 0.0, r"matrix has shape \(3, 3\); needs \(new_dim, 2\)"),
         (np.eye(2), [1.0, 2.0, 3.0], r"offset has shape \(3,\); needs \(2,\)"),
         ([[np.nan, 0], [0, 1]], 0.0, r"matrix\[0\] is not finite: \(nan, 0\)"),
         (np.eye(2), np.inf, r"offset is not finite: inf"),

@@ -89,7 +89,8 @@ class AbstractStatistic(eqx.Module):
     """A statistic of the distances between two shapes; call it as `statistic(a, b)`.
 
     Args:
-        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        directed: whether to use the distances from `a` to `b` only; by default the larger of both directions. If `a`
+            holds points sampled on a shape `b`, use True: the other direction includes the spacing of the points.
         weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each. A call can
             override them. In a fit, `a` is the target.
     """
@@ -232,7 +233,8 @@ class MaxDistance(AbstractStatistic):
     """The largest distance as a statistic: `hausdorff`, or `directed_hausdorff` if `directed`. It accepts no weights.
 
     Args:
-        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        directed: whether to use the distances from `a` to `b` only; by default the larger of both directions. If `a`
+            holds points sampled on a shape `b`, use True: the other direction includes the spacing of the points.
     """
 
     directed: bool = eqx.field(default=False, static=True, converter=_directed)
@@ -264,7 +266,8 @@ class MeanDistance(AbstractStatistic):
     (2.0, 2.0)
 
     Args:
-        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        directed: whether to use the distances from `a` to `b` only; by default the larger of both directions. If `a`
+            holds points sampled on a shape `b`, use True: the other direction includes the spacing of the points.
         weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
     """
 
@@ -285,7 +288,8 @@ class RMSDistance(AbstractStatistic):
     Call it as `jhd.RMSDistance()(a, b)`, or as `jhd.RMSDistance().estimate(a, b)` in a loss.
 
     Args:
-        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        directed: whether to use the distances from `a` to `b` only; by default the larger of both directions. If `a`
+            holds points sampled on a shape `b`, use True: the other direction includes the spacing of the points.
         weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
     """
 
@@ -318,7 +322,8 @@ class QuantileDistance(AbstractStatistic):
     Args:
         q: a fraction, above 0 and at most 1: 0.5 is the median, 1 the largest distance. Rounding of q is
             tolerated: 9 of 10 points reach q = 0.9.
-        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        directed: whether to use the distances from `a` to `b` only; by default the larger of both directions. If `a`
+            holds points sampled on a shape `b`, use True: the other direction includes the spacing of the points.
         weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
     """
 
