@@ -238,10 +238,9 @@ class _Parser(argparse.ArgumentParser):
             else:
                 typed = {"metavar": kind, "type": types.get(kind, _as_given)} if kind else {"action": "store_true"}
             change = changes.get(word.lstrip("-").replace("-", "_"), {})
-            other = {"help": change} if isinstance(change, str) else change
-            self.add_argument(
-                *filter(None, (_SHORT.get(word), word)), **dict(typed, help=text, **dict(*others)) | other
-            )
+            other: dict[str, Any] = {"help": change} if isinstance(change, str) else change
+            keywords = {**typed, "help": text, **dict(*others), **other}
+            self.add_argument(*filter(None, (_SHORT.get(word), word)), **keywords)
 
 
 # The arguments: placeholder or choices (the first is the default; None for a switch), help, and keywords of argparse.

@@ -89,7 +89,8 @@ class BSplineSurface(AbstractPatch):
         points = checked_net(control_points, None, ("rows", "columns", "3"))[0]
         if np.shape(degrees) != (2,):
             raise TypeError(f"degrees must be two integers; got {degrees!r}.")
-        return cls(points, *map(clamped_knots, points.shape, degrees), weights)
+        knots_u, knots_v = map(clamped_knots, points.shape, degrees)
+        return cls(points, knots_u, knots_v, weights)
 
     def _summary(self) -> str:
         batch, net = batch_text(self.control_points, 3), f"{size_text(self.control_points.shape[-3:-1])} control points"

@@ -182,7 +182,8 @@ def _alone(a: Any, b: Any, level: float, ceiling: float, method: Any) -> Hausdor
     if level == 0 and ceiling == np.inf:
         return hausdorff(a, b, method, throw=False)
     pair = pair_of(a, b, method, None)
-    there, back = pair.both(pair.length(np.asarray(level), 0.0), pair.length(np.asarray(ceiling), np.inf))
+    aim: Any = np.asarray(level), np.asarray(ceiling)
+    there, back = pair.both(pair.length(aim[0], 0.0), pair.length(aim[1], np.inf))
     return pair.larger(pair.reported(there), pair.reported(back))
 
 

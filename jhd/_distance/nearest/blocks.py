@@ -15,7 +15,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd._distance.nearest.chords import chord_error, chords_between, square_and_parameter
@@ -121,7 +120,7 @@ class _GroupLook(NamedTuple):
     count: Array  # how often some segments were looked at
 
 
-def nearest_in_blocks(blocks: Blocks, points: Array, wanted: ArrayLike = True) -> NearestOnCurve:
+def nearest_in_blocks(blocks: Blocks, points: Array, wanted: Array | bool = True) -> NearestOnCurve:
     """Return proven nearest points for the points of a group, as `nearest` does on all segments.
 
     Each query searches the few segments with the smallest lower bounds. If others are in its reach, the whole group
@@ -173,7 +172,7 @@ def _nearer(old: NearestOnCurve, new: NearestOnCurve) -> NearestOnCurve:
     return eqx.tree_at(lambda n: (n.closed, n.steps), found, (old.closed & new.closed, old.steps + new.steps))
 
 
-def _listed(blocks: Blocks, points: Array, most: int, wanted: ArrayLike) -> tuple[Array, Array, Array, Array]:
+def _listed(blocks: Blocks, points: Array, most: int, wanted: Array | bool) -> tuple[Array, Array, Array, Array]:
     """Return the segments with the smallest lower bounds for each point of a group, and bounds for all other segments.
 
     Returns:

@@ -1,6 +1,7 @@
 """Critical pairs: the largest is the Hausdorff distance, all are maxima, each once, and their gradients are right."""
 
 from functools import cache
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -249,4 +250,5 @@ def test_a_capacity_that_is_no_length_is_refused(capacity, as_a_user):
 
 def test_a_capacity_may_be_a_whole_number_of_numpy(as_a_user):
     a, b = pair_of("arch_and_wave")
-    assert jhd.critical_pairs(a, b, np.int64(16)).value.shape == (16,)
+    capacity: Any = np.int64(16)
+    assert jhd.critical_pairs(a, b, capacity).value.shape == (16,)
