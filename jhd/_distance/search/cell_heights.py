@@ -316,17 +316,17 @@ def _of_positive(k: int, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
 
     If the first polynomial changes its sign, the function is bounded on parts, by the larger of both polynomials.
     """
-    least, mean = np.min(rows, axis=1), np.mean(rows, axis=1)
-    room = _ROUNDINGS * np.max(np.abs(rows), axis=1)
+    least, mean, share = np.min(rows, axis=1), np.mean(rows, axis=1), _of_sums(rows)
+    room = share * np.max(np.abs(rows), axis=1)
     square = np.where(least > 0, _means(k, np.maximum(rows, 0.0)), np.maximum(mean - room, 0.0) ** 2)
-    found = np.stack([least, mean - room, square * (1 - _ROUNDINGS)])
+    found = np.stack([least, mean - room, square * (1 - share)])
     mixed = np.flatnonzero((least < 0) & (np.max(rows, axis=1) > 0))
     if len(mixed):
         parts = [_divided(k, x[mixed]) for x in (rows, others)]
         means = np.maximum(*(np.mean(x, axis=-1) for x in parts)) - room[mixed, None]
         means = np.maximum(means, 0.0)
-        found[1, mixed] = np.maximum(found[1, mixed], np.mean(means, axis=1) * (1 - _ROUNDINGS))
-        found[2, mixed] = np.maximum(found[2, mixed], np.mean(means**2, axis=1) * (1 - _ROUNDINGS))
+        found[1, mixed] = np.maximum(found[1, mixed], np.mean(means, axis=1) * (1 - share))
+        found[2, mixed] = np.maximum(found[2, mixed], np.mean(means**2, axis=1) * (1 - share))
     return np.maximum(found, 0.0)
 
 
@@ -341,7 +341,7 @@ def _divided(k: int, rows: np.ndarray) -> np.ndarray:
 
 def _upper(k: int, seen: _HeightsSeen) -> np.ndarray:
     """Return upper bounds (3, pairs) of heights, for maps sigma that stay on the piece."""
-    sizes = np.abs(seen.height)
+    sizes, share = np.abs(seen.height), _of_sums(seen.height)
     most, error = np.max(sizes, axis=1), seen.error
     aside, mean_sq = seen.aside + error, seen.aside_sq + error * (2 * seen.aside + error)
     more = _more(_least(seen.height) - error, aside, aside**2)
@@ -349,13 +349,18 @@ def _upper(k: int, seen: _HeightsSeen) -> np.ndarray:
     mixed = np.flatnonzero(_least(seen.height) < 0)
     if len(mixed):
         parts = _divided(k, seen.height[mixed])
-        wide = [x[mixed, None] for x in (aside, error + _ROUNDINGS * most)]
+        wide = [x[mixed, None] for x in (aside, error + share * most)]
         by_parts = np.mean(np.abs(parts), axis=-1) + _more(_least(parts) - wide[1], wide[0], wide[0] ** 2)
-        mean[mixed] = np.minimum(mean[mixed], np.mean(by_parts, axis=1) + _ROUNDINGS * most[mixed])
+        mean[mixed] = np.minimum(mean[mixed], np.mean(by_parts, axis=1) + share * most[mixed])
     square = _means(k, seen.height) + seen.aside_sq
-    square = square + error * (2 * (most + seen.aside) + error) + _ROUNDINGS * most**2
+    square = square + error * (2 * (most + seen.aside) + error) + share * most**2
     found = np.stack([most + more + error, mean + error, square])
-    return np.where(np.isnan(found), np.inf, found * (1 + _ROUNDINGS))
+    return np.where(np.isnan(found), np.inf, found * (1 + share))
+
+
+def _of_sums(rows: np.ndarray) -> float:
+    """Bound the roundings of means of coefficients, of their products, and of parts: up to three sums over all."""
+    return gamma(4 * rows.shape[1] + 64, np.float64)
 
 
 def _least(rows: np.ndarray) -> np.ndarray:
