@@ -182,6 +182,7 @@ def test_numbers_that_are_known_late_and_unusable_are_reported():
         (BezierCurve(ARCH), {"atol": -1.0}, ValueError, "atol is -1; needs a number of at least 0"),
         (BezierCurve(ARCH), {"rtol": np.zeros(2)}, ValueError, r"rtol has shape \(2,\)"),
         (BezierCurve(ARCH), {"max_steps": 9}, TypeError, "takes no max_steps: write method=jhd.Branch"),
+        (BezierCurve(ARCH), {"tolerance": 0.1}, TypeError, "takes no tolerance: write atol=... .a length. or rtol="),
         (BezierCurve(ARCH), {"method": "fast"}, TypeError, r"method must be BranchAndBound\(\) for BezierCurve and"),
         (BezierCurve(ARCH), {"method": VoxelPairs(0.1)}, TypeError, "for BezierCurve and BezierCurve; got VoxelPairs"),
     ],

@@ -115,9 +115,11 @@ def default_method() -> BranchAndBound:
         return BranchAndBound()
 
 
-# Sizes are options of the method, and easily handed to the call.
+# Sizes are options of the method, and tolerances have other names elsewhere.
+_TOLERANCE = "write atol=... (a length) or rtol=... (relative to upper)"
 sized_by_method = belongs(
-    **{name: f"write method=jhd.BranchAndBound({name}=...)" for name in ("max_steps", "queue_size")}
+    **{name: f"write method=jhd.BranchAndBound({name}=...)" for name in ("max_steps", "queue_size")},
+    **dict.fromkeys(("tol", "tolerance"), _TOLERANCE),
 )
 
 
