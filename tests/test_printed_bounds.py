@@ -141,7 +141,7 @@ def test_every_object_prints_bounds_that_hold_what_it_stores(given):
         check(refused(thing), 1, *ends)
     check(repr(given.fit), 2, *ends)
     check(given.fit._repr_html_(), 2, *ends)
-    check(repr(given.deviation), 4, *ends)
+    check(repr(given.deviation), 3, *ends)
     check(given.deviation._repr_html_(), 4, *ends)
     check(undecided(given.decision), 1, *ends)
     for thing in (given.hausdorff, given.minimum, given.measure, given.bounds):

@@ -262,7 +262,7 @@ def test_what_makes_no_map_is_refused(as_a_user):
         distance_map(curve, *BOX, 8, tile=0)
     with pytest.raises(ValueError, match="tolerance is for a curve"):
         distance_map(arcs, *BOX, 8, tolerance=1e-3)
-    with pytest.raises(ValueError, match="needs at least"):
+    with pytest.raises(ValueError, match="tolerance is -1.0; needs one positive number"):
         distance_map(curve, *BOX, 8, tolerance=-1)
     with pytest.raises(TypeError, match="curve must be a curve"):
         distance_map(3.0, *BOX, 8)  # pyright: ignore[reportArgumentType]
