@@ -62,6 +62,9 @@ class Interval(eqx.Module):
             x: real numbers. A float array of JAX is taken as it is, whatever its precision; Python and NumPy numbers
                 are compared with their converted values. NaN gives the whole line; infinity gives the numbers beyond
                 the largest float.
+
+        Returns:
+            An Interval with the shape of `x`.
         """
         if isinstance(x, jax.Array):
             return cls._of_array(x)
@@ -98,6 +101,9 @@ class Interval(eqx.Module):
 
         Args:
             shape: shape of the arrays of ends; the default is a single interval.
+
+        Returns:
+            An Interval of this shape.
         """
         return cls(jnp.full(shape, -jnp.inf), jnp.full(shape, jnp.inf))
 
@@ -131,6 +137,9 @@ class Interval(eqx.Module):
 
         Args:
             x: numbers; one that is not a float counts as the interval that `exact` gives.
+
+        Returns:
+            Booleans in the common shape of the interval and `x`.
         """
         known = Interval.exact(x)
         return (self.lower <= known.lower) & (known.upper <= self.upper)
@@ -220,6 +229,9 @@ class Interval(eqx.Module):
 
         Args:
             other: an interval, or exact numbers.
+
+        Returns:
+            An Interval in the common shape of both.
         """
         other = as_interval(other)
         return Interval(jnp.minimum(self.lower, other.lower), jnp.minimum(self.upper, other.upper))
@@ -229,6 +241,9 @@ class Interval(eqx.Module):
 
         Args:
             other: an interval, or exact numbers.
+
+        Returns:
+            An Interval in the common shape of both.
         """
         other = as_interval(other)
         return Interval(jnp.maximum(self.lower, other.lower), jnp.maximum(self.upper, other.upper))
@@ -238,6 +253,9 @@ class Interval(eqx.Module):
 
         Args:
             other: an interval, or exact numbers.
+
+        Returns:
+            An Interval in the common shape of both.
         """
         other = as_interval(other)
         return Interval(jnp.maximum(self.lower, other.lower), jnp.minimum(self.upper, other.upper))
@@ -247,6 +265,9 @@ class Interval(eqx.Module):
 
         Args:
             other: an interval, or exact numbers.
+
+        Returns:
+            An Interval in the common shape of both.
         """
         other = as_interval(other)
         return Interval(jnp.minimum(self.lower, other.lower), jnp.maximum(self.upper, other.upper))

@@ -307,6 +307,9 @@ class AdaptiveDistanceField(eqx.Module):
 
         Args:
             path: name of the file.
+
+        Returns:
+            None.
         """
         known = self._known()
         arrays = {name: np.asarray(getattr(known, name)) for name in _ARRAYS}

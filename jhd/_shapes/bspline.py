@@ -283,6 +283,9 @@ class BSplineCurve(AbstractCurve):
         Args:
             degree: new degree, at least the current degree.
 
+        Returns:
+            A BSplineCurve of this degree.
+
         Raises:
             ValueError: `degree` is below the degree of the curve.
         """
@@ -302,6 +305,9 @@ class BSplineCurve(AbstractCurve):
         Args:
             t: a parameter strictly inside the domain.
 
+        Returns:
+            Two BSplineCurves.
+
         Raises:
             ValueError: t is outside this range.
             TypeError: t or the knots are traced; the numbers of control points of both parts depend on them.
@@ -318,6 +324,9 @@ class BSplineCurve(AbstractCurve):
 
         Args:
             t: a parameter strictly inside the domain; may be traced.
+
+        Returns:
+            A BSplineCurve.
 
         Raises:
             ValueError: t is outside this range.

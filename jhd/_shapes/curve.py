@@ -96,6 +96,9 @@ class AbstractCurve(AbstractHasLength):
             matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
             offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
 
+        Returns:
+            A curve of the same class, in new_dim dimensions.
+
         Raises:
             ValueError: wrong shapes, NaN or infinity.
         """
@@ -295,6 +298,9 @@ class BezierSegments(AbstractCurve):
         Args:
             segment: integer indices of segments, from 0.
             t: local parameters from 0 to 1; broadcast against `segment`.
+
+        Returns:
+            The points, (*batch, dim).
         """
         return evaluate(self.control_points, self.weights, jnp.asarray(segment), real_array("t", t))
 
@@ -319,6 +325,9 @@ class BezierSegments(AbstractCurve):
 
         Args:
             t: a number strictly between 0 and the number of segments.
+
+        Returns:
+            Two BezierSegments.
 
         Raises:
             ValueError: t is outside this range.
@@ -349,6 +358,9 @@ class BezierSegments(AbstractCurve):
             t0: local parameter of the start, from 0 to 1; a scalar, or one value per segment.
             t1: local parameter of the end, from 0 to 1; if t1 < t0, the segment is reversed.
 
+        Returns:
+            BezierSegments, as many as before.
+
         Raises:
             ValueError: a parameter outside [0, 1].
         """
@@ -360,6 +372,9 @@ class BezierSegments(AbstractCurve):
 
         Args:
             degree: new degree, at least the current degree.
+
+        Returns:
+            BezierSegments of this degree.
 
         Raises:
             ValueError: `degree` is below the degree of the curve.
@@ -382,6 +397,9 @@ class BezierSegments(AbstractCurve):
 
         Args:
             count: new number of segments, at least the current number.
+
+        Returns:
+            BezierSegments, `count` of them.
 
         Raises:
             ValueError: `count` is below the number of segments.

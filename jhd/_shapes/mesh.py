@@ -197,6 +197,9 @@ class TriangleMesh(eqx.Module):
             triangle: indices of triangles.
             t: (*batch, 3) barycentric coordinates; each row is nonnegative and has the sum 1 for points of the
                 triangle.
+
+        Returns:
+            The points, (*batch, 3).
         """
         corners = self.vertices[self.triangles[jnp.asarray(triangle)]]
         return jnp.sum(real_array("t", t)[..., None] * corners, axis=-2)

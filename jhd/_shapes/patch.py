@@ -173,6 +173,9 @@ class AbstractPatch(AbstractHasArea):
             matrix: (3, 3) real numbers.
             offset: (3,) translation in the unit of the coordinates, or one number for all axes.
 
+        Returns:
+            A surface of the same class.
+
         Raises:
             ValueError: wrong shapes, NaN or infinity.
         """
@@ -284,6 +287,9 @@ class BezierPatch(AbstractPatch):
             v0: first parameter in v, from 0 to 1; may be traced.
             v1: last parameter in v, from 0 to 1; may be traced. If v1 < v0, the part is reversed in v.
 
+        Returns:
+            A BezierPatch.
+
         Raises:
             ValueError: a parameter outside [0, 1].
         """
@@ -297,6 +303,9 @@ class BezierPatch(AbstractPatch):
         Args:
             degree_u: new degree in u, at least the current one.
             degree_v: new degree in v, at least the current one.
+
+        Returns:
+            A BezierPatch of these degrees.
 
         Raises:
             ValueError: a degree is below the current one.
@@ -360,6 +369,9 @@ class BezierPatches(AbstractPatch):
             patch: integer indices of patches, from 0.
             u: first local parameters, from 0 to 1; broadcast against `patch`.
             v: second local parameters, from 0 to 1; broadcast against `patch`.
+
+        Returns:
+            The points, (*batch, 3).
         """
         patch, u, v = jnp.broadcast_arrays(jnp.asarray(patch), real_array("u", u), real_array("v", v))
         return _points_of(self, patch, u, v)
@@ -374,6 +386,9 @@ class BezierPatches(AbstractPatch):
         Args:
             degree_u: new degree in u, at least the current one.
             degree_v: new degree in v, at least the current one.
+
+        Returns:
+            BezierPatches of these degrees.
 
         Raises:
             ValueError: a degree is below the current one.

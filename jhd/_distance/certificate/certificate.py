@@ -132,6 +132,9 @@ class Certificate:
 
         Args:
             file: the path of the file, which is replaced if it exists.
+
+        Returns:
+            None.
         """
         text = self.to_json()
         replace_file(file, gzip.compress(text.encode(), mtime=0) if str(file).endswith(".gz") else text)
