@@ -135,6 +135,7 @@ def test_each_function_says_what_it_returns_and_shows_it():
     plain = {name: text for name, text in functions.items() if name.rpartition(".")[0] not in classes}
     assert len(plain) > 60
     assert [name for name, text in plain.items() if "Returns:" not in text] == []
+    assert [name for name, text in functions.items() if "Args:" in text and "Returns:" not in text] == []
     assert [name for name, text in plain.items() if ">>> " not in text] == []
 
 
