@@ -99,6 +99,25 @@ _LONGEST = (
 )
 
 
+# Tests of parts that tests of calls cover too, and whose programs nothing else needs: they are slow ones.
+_PARTS = (
+    "arithmetic/test_bernstein.py",
+    "arithmetic/test_isolated_zeros.py",
+    "arithmetic/test_polynomial_roots.py",
+    "arithmetic/test_polynomials.py",
+    "arithmetic/test_simplices.py",
+    "arithmetic/test_trivariate.py",
+    "arithmetic/test_truncated.py",
+    "distance/cells/",
+    "distance/nearest/test_curves.py",
+    "distance/nearest/test_surface_points.py",
+    "distance/search/test_closest_triangles.py",
+    "distance/search/test_patch_boxes.py",
+    "distance/search/test_targets.py",
+    "triangles/",
+)
+
+
 # What users pass as numbers and shapes is refused by the package itself, with messages of its own.
 _PASSED = {
     "jhd._shapes.checks": ("Numbers",),
@@ -147,8 +166,13 @@ def _is_flag(flag):
     return asked.returncode == 0
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """The files that take longest come first, so that none of them is left to one process at the end."""
+    """Tests of parts are slow; the files that take longest come first, so that no process is left with one of them."""
+    for item in items:
+        path = item.path.as_posix().partition("/tests/")[2]
+        if path.startswith(_PARTS) and not item.get_closest_marker("exhaustive"):
+            item.add_marker(pytest.mark.slow)
     places = {name: place for place, name in enumerate(_LONGEST)}
     items.sort(key=lambda item: places.get(item.path.name, len(places)))
 

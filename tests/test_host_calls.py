@@ -47,7 +47,7 @@ _ENTRIES = {
 }
 
 
-@pytest.mark.parametrize("entry", ["at most", "minimum", "gradient"])
+@pytest.mark.parametrize("entry", [pytest.param("at most", marks=pytest.mark.slow), "minimum", "gradient"])
 def test_a_batch_has_the_answers_of_single_calls(entry):
     function = jax.jit(_ENTRIES[entry])
     batch = jax.jit(jax.vmap(_ENTRIES[entry]))(_ROWS)

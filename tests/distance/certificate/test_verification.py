@@ -35,6 +35,7 @@ from tests.distance.certificate.made import (
     square,
 )
 from tests.processes import python
+from tests.sweeps import swept
 
 FOLDER = Path(verification.__file__).parent
 # What every number of a certificate is moved by in turn.
@@ -129,7 +130,7 @@ SAMPLES = {
 }
 
 
-@pytest.mark.parametrize("make", SAMPLES, ids=lambda make: make.__name__)
+@pytest.mark.parametrize("make", swept(SAMPLES, [facing], list(SAMPLES), ids=lambda make: make.__name__))
 def test_every_number_that_is_moved_makes_it_refused_or_leaves_the_claim_true(make):
     refused, made, (counts, sampling) = 0, make(), SAMPLES[make]
     for path in numbers(made):
