@@ -294,8 +294,10 @@ def test_parallel_squares_are_everywhere_as_far_as_their_planes(statistic):
 
 
 def test_the_largest_distance_is_estimated_in_compiled_functions_and_nodes_may_be_of_numpy(as_a_user):
-    largest, sets = jhd.MaxDistance(), [jhd.point_set([[0.0, 0, x], [1, 0, 0]]) for x in (0, 2)]
-    assert float(jax.jit(largest.estimate)(*sets)) == float(largest.estimate(*sets)) == pytest.approx(2.0, rel=1e-12)
+    largest = jhd.MaxDistance()
+    low, high = (jhd.point_set([[0.0, 0, x], [1, 0, 0]]) for x in (0, 2))
+    found, known = jax.jit(largest.estimate)(low, high), largest.estimate(low, high)
+    assert float(found) == float(known) == pytest.approx(2.0, rel=1e-12)
     a, b = (jhd.BezierSegments(x[:1]) for x in CURVES)
     mean, nodes = jhd.MeanDistance(), np.int64(8)
     value = mean.estimate(a, b, nodes=nodes)  # pyright: ignore[reportArgumentType]
