@@ -101,7 +101,8 @@ def deviation(
         throw: whether to raise NotProvenError if the tolerance is not reached; by default True.
         max_seconds: wall time in seconds after which the searches end with the bounds reached, as soon as the cells
             of the current step have bounds; by default no limit.
-        progress: a function that is called with a Progress from time to time, first for the maximum, then for the mean.
+        progress: a function that is called with a Progress after each step, first for the maximum, then for the mean.
+            A step with many cells takes seconds.
 
     Returns:
         A Deviation: bounds of the statistics, and methods for quantiles and fractions.
