@@ -170,7 +170,7 @@ def _is_flag(flag):
 def pytest_collection_modifyitems(items):
     """Tests of parts are slow; the files that take longest come first, so that no process is left with one of them."""
     for item in items:
-        path = item.path.as_posix().partition("/tests/")[2]
+        path = os.path.relpath(item.path, Path(__file__).parent).replace(os.sep, "/")
         if path.startswith(_PARTS) and not item.get_closest_marker("exhaustive"):
             item.add_marker(pytest.mark.slow)
     places = {name: place for place, name in enumerate(_LONGEST)}
