@@ -33,6 +33,9 @@ from jhd._shapes.checks import Numbers, check_same_dim
 from jhd._shapes.prepared import working
 from jhd.progress import Callback
 
+# Times that the largest cells are cut if none has a proven length or area, and number of cells cut each time.
+_LOOKS, _LOOKED_AT = 12, 16
+
 
 class _Asked(NamedTuple):
     """Requested accuracy: tolerances, the fraction of a quantile that must meet them too (or None), and most cells."""
@@ -168,6 +171,7 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     check_scalar("rtol", relative)
     if given is None:
         size = joint_diagonal(in_space(a), in_space(b))
+        # Without a given tolerance, gaps up to this fraction of the diagonal stay.
         given = 1e-6 * min(size, np.finfo(np.asarray(size).dtype).max)
     return float(given), float(relative)
 
@@ -209,6 +213,7 @@ def _distributed(
     target, size = b.target_in(pair.b)
     dtype = dtype_of(a.shape)
     # Smaller gaps cannot be resolved: bounds err by some hundred roundings to both sides.
+    # Gap that rounding leaves between bounds, in units of roundoff of coordinates of at most one.
     floor = 8 * moved + 4096 * float(np.finfo(dtype).eps) * (1 + size)
     atol = max(float(frame.common(np.asarray(asked.atol))), floor)
 
@@ -216,7 +221,7 @@ def _distributed(
         return max(atol, asked.rtol * upper)
 
     most = float(frame.common(np.asarray(maximum.upper, np.float64), np.inf)) + moved
-    # The number of cells ends the search much earlier than the number of steps.
+    # Most steps of the search; its cells end it much earlier.
     limits = most, allowed, asked.max_cells, 4000, asked.quantile
     listener = Listener(progress, frame, "mean")
     ends = listener.is_over if isinstance(progress, Watch) else None
@@ -242,16 +247,18 @@ def _moderate(counts: np.ndarray | None) -> np.ndarray | None:
     Weights that underflow are negligible compared with the largest weight. Others keep their digits.
     """
     power = 0 if counts is None else int(common_exponent(counts))
+    # Weights up to this power of two, and from its inverse on, are taken as they are: sums of their products are
+    # numbers.
     return counts if counts is None or abs(power) <= 400 else np.ldexp(counts, -power)
 
 
 def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
     """Return whether a shape has a proven length or area. Large cells may not show it, so the largest are cut first."""
     cells, flat = known.cells, known.flat
-    for _ in range(12):
+    for _ in range(_LOOKS):
         if np.any(flat.lower > 0):
             return True
-        largest = np.argsort(flat.upper)[-16:]
+        largest = np.argsort(flat.upper)[-_LOOKED_AT:]
         cells, _ = source.cut(cells.take(largest), taken(flat, largest))
         flat = source.flat(cells)
     return bool(np.any(flat.lower > 0))

@@ -227,6 +227,7 @@ def _thinned(points: AbstractBody, other: AbstractBody) -> AbstractBody:
 
     For a curve they are found by `project`, without duplicates.
     """
+    # A set of at least this many points is searched by a tree, or thinned out before the search.
     if points.dimension != 0 or points.shape.count <= 256:
         return points
     if other.dimension != 1:

@@ -42,6 +42,11 @@ from jhd._shapes.mesh import TriangleMesh
 from jhd._shapes.patch import AbstractPatch
 from jhd._shapes.prepared import prepared, working
 
+# Resolution of the search over an implicit surface, in units of roundoff of the common coordinates.
+_ULPS = 512
+# The size of points, in units of a surface, from which on their common box is the unit; by the bytes of a number.
+_FAR = {8: 2.0**400, 4: 2.0**40}
+
 
 class PointBody(AbstractBody):
     """A set of points: BezierSegments of degree zero."""
@@ -76,7 +81,7 @@ class PointBody(AbstractBody):
         # Points so far away that their squares overflow next to the surface share its coordinates; it may vanish there.
         found = prepare_surfaces(*(surface.hull(),) * 2)
         rows = np.asarray(self.points)
-        is_far = np.max(np.abs(common_points(found[2], rows))) > {8: 2.0**400, 4: 2.0**40}[rows.dtype.itemsize]
+        is_far = np.max(np.abs(common_points(found[2], rows))) > _FAR[rows.dtype.itemsize]
         return prepare_surfaces(surface.hull(), self.hull()) if is_far else found
 
     @override
@@ -291,8 +296,7 @@ class ImplicitBody(AbstractBody):
         target, empty = looked_at(moved)
         if bool(empty):
             raise empty_surface()
-        # The resolution of the search.
-        return SurfaceSource(target), 512 * float(np.finfo(np.asarray(moved.lower).dtype).eps)
+        return SurfaceSource(target), _ULPS * float(np.finfo(np.asarray(moved.lower).dtype).eps)
 
     @override
     def target_in(self, moved: Side) -> tuple[AbstractTarget, float]:

@@ -34,6 +34,10 @@ from jhd._shapes.curve import BezierSegments
 from jhd.progress import Callback
 
 Chosen = TypeVar("Chosen", bound=AbstractMethod)
+# Rows of a table for surfaces, for each row of a table for curves.
+_SURFACE_ROWS = 32
+# Segments of a long curve for each initial row of its table.
+_LONG_SHARE = 8
 
 
 def _relative(given: Numbers) -> Array:
@@ -167,9 +171,9 @@ def limited(
 def length_of_table(method: BranchAndBound, a: BezierSegments | Target) -> int:
     """Return the initial number of cells in the queue."""
     if not isinstance(a, BezierSegments):
-        return 32 * (1 << (method.queue_size - 1).bit_length())
+        return _SURFACE_ROWS * (1 << (method.queue_size - 1).bit_length())
     # Few cells of a long curve are left when the first bounds are known; if more are left, it begins anew with room.
-    return max(method.queue_size, a.count // 8 if is_long(a) else 2 * a.count)
+    return max(method.queue_size, a.count // _LONG_SHARE if is_long(a) else 2 * a.count)
 
 
 def wanted_of(method: BranchAndBound, frame: Frame, aim: Aim) -> Wanted:

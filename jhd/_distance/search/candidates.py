@@ -23,8 +23,10 @@ from jhd._runtime.arrays import varying
 HINTS = 8
 # Gain over the last candidate that a new one has to promise, and agreement of feet, in units of roundoff.
 NOISE = 64
-# Feet are equal below this distance.
-_SAME = 1e-6
+# Rounds of the cutting planes.
+_ROUNDS = 5
+# Feet are equal below this distance; they count together if their distances agree to this fraction and as much.
+_SAME, _AGREEING = 1e-6, 1e-3
 
 
 class Target(NamedTuple):
@@ -124,14 +126,14 @@ def _measured(
         return _Round(best, feet, r.used | (missing & slot), going, r.count + 1)
 
     start = _Round(best, place.feet, _distinct(place), jnp.array(True), jnp.zeros((), int))
-    end = jax.lax.while_loop(lambda r: r.going & (r.count < 5), turn, varying(start, a, b, place))
+    end = jax.lax.while_loop(lambda r: r.going & (r.count < _ROUNDS), turn, varying(start, a, b, place))
     return end.best
 
 
 def _distinct(place: SurfacePlace) -> Array:
     """Return a mask of the feet that are near enough to count, each once."""
     distances = jnp.sqrt(jnp.sum((place.feet - place.point) ** 2, axis=1))
-    near = distances <= jnp.min(distances) * (1 + 1e-3) + like_double(_SAME, distances.dtype)
+    near = distances <= jnp.min(distances) * (1 + _AGREEING) + like_double(_SAME, distances.dtype)
     return near & ~_repeated(place.feet, near)
 
 

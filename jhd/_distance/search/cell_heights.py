@@ -34,6 +34,16 @@ from jhd._distance.search.sources import CellRows
 from jhd._runtime.arrays import taken
 from jhd._runtime.compiled import compiled, optimized
 
+# Parts of all pieces, about, and most along a parameter of one.
+_PARTS, _MOST_ALONG = 1 << 14, 32
+# Most pieces near a cell, and how far they are continued beyond their sides.
+_MOST_PIECES, _BEYOND = 6, 0.5
+# How often simplices over which heights change their signs are divided.
+_LEVELS = 2
+# Cells processed in one batch.
+_LANES, _LANES_OF_PARTS = 8, 16
+# Pairs of cells and boxes that are formed at once.
+_PAIRS = 1 << 20
 _ROUNDINGS = gamma(512, np.float64)
 
 
@@ -115,8 +125,7 @@ class CellHeights:
         parts = self._followed.parts(cells.piece[of], corners.reshape(-1, *corners.shape[2:]), whole)
         normal = self._normals(np.mean(flat.corners, axis=1), found)[of]
         pairs = _for_each(pairs, many)
-        # Pieces are continued by half of their length beyond their sides.
-        seen = self._seen(parts, pairs, normal, box.take(of), 0.5)
+        seen = self._seen(parts, pairs, normal, box.take(of), _BEYOND)
         below = _below(self._k, seen, pairs.who, few[of])
         above = self._above(parts, pairs, seen, normal)
         least, least_mean, least_square = (x.reshape(-1, many) for x in below)
@@ -205,7 +214,7 @@ class CellHeights:
         reach = np.where(np.isfinite(most), most, -1.0) * (1 + _ROUNDINGS)
         who, segment = _near(cells, reach, parts.of_pieces)
         counts = np.bincount(who, minlength=len(reach))
-        few = np.logical_and(counts > 0, counts <= 6)
+        few = np.logical_and(counts > 0, counts <= _MOST_PIECES)
         who, segment = who[few[who]], segment[few[who]]
         gaps = _gaps(cells.take(who), parts.low[segment], parts.high[segment])
         near = np.less_equal(gaps, reach[who, None])
@@ -225,8 +234,8 @@ class CellHeights:
 def _parts_of(b: Net) -> _BoxesOfParts:
     """Return the boxes of parts of all pieces."""
     points, n, count = np.asarray(b.points, np.float64), b.parameters, len(b.points)
-    # A power of two, so that the ends are exact; about this many parts of all pieces.
-    along = 1 << int(np.log2(np.clip((2**14 / count) ** (1 / n), 1, 32)))
+    # A power of two, so that the ends are exact.
+    along = 1 << int(np.log2(np.clip((_PARTS / count) ** (1 / n), 1, _MOST_ALONG)))
     first = np.stack([x.ravel() for x in np.meshgrid(*[np.arange(along) / along] * n, indexing="ij")], axis=1)
     last = first + 1 / along
     weights = None if b.weights is None else np.asarray(b.weights, np.float64)[..., None]
@@ -260,8 +269,7 @@ def _gaps(cells: _Hull, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 def _near(cells: _Hull, reach: np.ndarray, boxes: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return all pairs of cells and boxes within reach of them."""
-    # Pairs that are formed at once.
-    step = max(1, (1 << 20) // len(boxes[0]))
+    step = max(1, _PAIRS // len(boxes[0]))
     starts = range(0, len(reach), step)
     found = [np.nonzero(_gaps(cells.take(slice(k, k + step)), *boxes) <= reach[k : k + step, None]) for k in starts]
     rows = [row + k for k, (row, _) in zip(starts, found, strict=True)]
@@ -334,7 +342,7 @@ def _divided(k: int, rows: np.ndarray) -> np.ndarray:
     """Return coefficients (simplices, parts, indices) on repeated halves (segments) or quarters (triangles)."""
     parts = rows[:, None]
     matrices = dividing(k, _degree(k, rows))
-    for _ in range(2):
+    for _ in range(_LEVELS):
         parts = np.einsum("snj,pij->snpi", parts, matrices, optimize=True).reshape(len(rows), -1, rows.shape[1])
     return parts
 
@@ -417,9 +425,9 @@ def _heights_of(
         return heights.height.T, *heights[1:], *found, inside
 
     rows = (piece, corners, shares, segment, start, low, high, beyond, normal, mid, rad)
-    return in_groups(group, count, rows, 16)
+    return in_groups(group, count, rows, _LANES_OF_PARTS)
 
 
 @compiled
 def _tangents(b: Net, count: Array, segment: Array, t: Array) -> Array:
-    return each(lambda k, x: jet(b.piece(k), x).first, count, (segment, t), 8)
+    return each(lambda k, x: jet(b.piece(k), x).first, count, (segment, t), _LANES)

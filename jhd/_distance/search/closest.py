@@ -30,6 +30,17 @@ from jhd._runtime.arrays import is_traced, module_of, varying
 
 # Pairs that are cut in one step.
 WIDTH = 16
+# How the table grows.
+_GROWTH = 4
+# A table beyond this length is not exchanged for a longer one: it would fill the memory.
+_LONGEST = 1 << 20
+# Pairs are closed below the tolerance, so that the errors of the ends cannot exceed it.
+_CLOSE = 0.9
+# If this many pairs are left when a search ends, the nearest pairs are not isolated.
+_FAMILY = 400
+# A search may be given up after half of its steps, and at least the first number of steps, if it seems to need more
+# than the second number times the remaining steps.
+_LATE, _HOPELESS = 1024, 8
 
 
 class WantedGap(NamedTuple):
@@ -190,7 +201,7 @@ def is_open(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Arr
 
 
 def is_hopeless(
-    problem: PairProblem, wanted: WantedGap, reached: Reached, power: float = 0.5, factor: float = 8
+    problem: PairProblem, wanted: WantedGap, reached: Reached, power: float = 0.5, factor: float = _HOPELESS
 ) -> Array:
     """Return whether non-isolated nearest pairs need far more steps than are left.
 
@@ -204,7 +215,7 @@ def is_hopeless(
         power: exponent of this growth.
         factor: the search is hopeless if it seems to need more than this multiple of the remaining steps.
     """
-    late, upper = reached.steps >= jnp.maximum(wanted.most // 2, 1024), reached.best.upper
+    late, upper = reached.steps >= jnp.maximum(wanted.most // 2, _LATE), reached.best.upper
     gap = jnp.where(jnp.isfinite(upper), upper - reached.lower, 0.0)
     pairs = reached.waiting * (gap / tolerance_of(problem, wanted, reached.best)) ** power
     return late & (pairs > factor * WIDTH * (wanted.most - reached.steps))
@@ -308,8 +319,7 @@ def outcome(
     lower, upper = ends
     relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
     granted = jnp.maximum(jnp.maximum(wanted.atol, relative), jnp.where(wanted.given, 0.0, 2 * floor))
-    # If many pairs are left when a search ends, the nearest pairs are not isolated.
-    many = reached.waiting >= 400
+    many = reached.waiting >= _FAMILY
     failed = result_where(many, RESULTS.nonisolated_maxima, RESULTS.gap_not_closed)
     failed = result_where(reached.lost, RESULTS.capacity_reached, failed)
     failed = result_where(jnp.isfinite(upper), failed, RESULTS.existence_not_certified)
@@ -338,12 +348,12 @@ def in_one_go(
 
 def may_grow(state: ClosestState) -> bool:
     """Return whether a longer table would not fill the memory."""
-    return state.lower.size < 1 << 20
+    return state.lower.size < _LONGEST
 
 
 def longer(state: ClosestState) -> ClosestState:
     """Return the table with more room."""
-    size = 4 * state.lower.size
+    size = _GROWTH * state.lower.size
     lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
     cell, axis = jax.tree_util.tree_map(partial(_padded, size), (state.cell, state.axis))
     return state._replace(lower=lower, cell=cell, axis=axis)
@@ -351,5 +361,4 @@ def longer(state: ClosestState) -> ClosestState:
 
 def close_enough(problem: PairProblem, wanted: WantedGap, best: BestPair) -> Array:
     """Return the bound from which on pairs cannot hold a distance smaller by more than the tolerance."""
-    # Below the tolerance, so that the errors of the ends cannot exceed it.
-    return best.upper - 0.9 * tolerance_of(problem, wanted, best)
+    return best.upper - _CLOSE * tolerance_of(problem, wanted, best)

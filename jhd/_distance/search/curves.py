@@ -40,6 +40,14 @@ from jhd._shapes.curve import BezierSegments
 LANES = 4
 # Newton steps for a foot from the start of its search.
 _SEED_STEPS = 3
+# Segments of a long curve whose cells are made in one batch.
+_CHUNK = 4096
+# Newton steps from the peak to the parameter nearest to a joint.
+_JOINT_STEPS = 2
+# Distance of a joint, in units of the distance at the peak, below which cells are cut next to the joint.
+_BESIDE = 0.5
+# A parameter this near to an end of the cell, as a fraction of its width, is the end up to rounding.
+_AT_END = 1e-6
 # A peak closer to an end than this fraction of the cell does not serve as a cut; the middle does.
 _NEAR_END = 0.02
 # Least gap, in units of the error of the common coordinates: used in both bounds, and again in the bounds of cells.
@@ -229,7 +237,7 @@ def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: in
         return cell, _first_upper(a, b, near.runs, cell), distance
 
     ends = a.control_points[:, jnp.array([0, -1])]
-    cell, upper, distance = in_chunks(first, (jnp.arange(a.count), near.starts(ends)), 4096)
+    cell, upper, distance = in_chunks(first, (jnp.arange(a.count), near.starts(ends)), _CHUNK)
     far = jnp.argmax(distance)
     at = CurvePlace(far // 2, (far % 2).astype(dtype))
     measured = near.nearest(a.control_points[at.segment][-(far % 2)])
@@ -266,11 +274,10 @@ def _beside_joints(
 
     def moved(cut: Array, k: Array, joined: Array, cell: CurveCell, found: CurveBound) -> tuple[Array, Array]:
         joint, piece = b.control_points[k, -1], piece_of(a, cell.segment)
-        # Nearer to an end of the cell a parameter is the end up to rounding.
-        t, least = found.t, 1e-6 * (cell.t1 - cell.t0)
-        for _ in range(2):
+        t, least = found.t, _AT_END * (cell.t1 - cell.t0)
+        for _ in range(_JOINT_STEPS):
             t = gauss_newton(t, equation(joint, piece, t))
-        near = equation(joint, piece, t).distance_sq < (0.5 * found.distance) ** 2
+        near = equation(joint, piece, t).distance_sq < (_BESIDE * found.distance) ** 2
         taken = joined & near & (t > cell.t0 + least) & (t < cell.t1 - least)
         return jnp.where(taken, t, cut), taken
 

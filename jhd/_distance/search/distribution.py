@@ -24,8 +24,16 @@ from jhd._distance.search.weighted_cells import AbstractMeasured
 from jhd._results.solution import RESULTS
 from jhd._runtime.arrays import joined, taken
 
+# Cells cut in a step: at most, and at least if there are enough; and the fraction of the gap that they leave.
+_BATCH, _LEAST, _MOST_OF = 1 << 13, 64, 0.8
 # Cells that get bounds at once under a time limit: those of a step may take a minute.
 _AT_ONCE = 1 << 8
+# Cells are cut down to this width.
+_THIN = 2.0**-40
+# Contribution to the gap of a cell without an upper bound; sums of it stay finite.
+_UNKNOWN = 1e200
+# Steps of the first stretch.
+_FIRST_STEPS = 4
 # Exceeds the roundings of a square or root and of this factor. Squares that underflow are less than the error of the
 # common coordinates (jhd._distance.deviation).
 _FEW = gamma(8, np.float64)
@@ -85,7 +93,7 @@ class DistributionSearch(AbstractSearch):
         is_over: tells whether the time is up; further cells then keep the bounds that are known. None without a limit.
     """
 
-    first_steps = 4
+    first_steps = _FIRST_STEPS
 
     def __init__(
         self,
@@ -186,8 +194,7 @@ class DistributionSearch(AbstractSearch):
                 across = np.minimum(across, np.max(over.ends[..., 1] - over.ends[..., 0], axis=1))
                 scores += np.maximum(across, 0.0) * weights.upper / (self._allowed(level[1]) * np.sum(weights.upper))
         width = np.max(np.abs(table.cells.high - table.cells.low), axis=1, initial=0.0)
-        # Sums of this contribution of a cell without an upper bound stay finite.
-        scores = np.where(width > 2.0**-40, np.nan_to_num(scores, nan=0.0, posinf=1e200), 0.0)
+        scores = np.where(width > _THIN, np.nan_to_num(scores, nan=0.0, posinf=_UNKNOWN), 0.0)
         full = len(scores) >= self._max_cells
         result = RESULTS.capacity_reached if full else RESULTS.gap_not_closed
         if self._closed(mean) and self._closed(rms) and self._closed(level):
@@ -205,10 +212,10 @@ class DistributionSearch(AbstractSearch):
         return not closed and self._source.dimension > 0 and len(scores) < self._max_cells and bool(np.any(scores))
 
     def _step(self, state: _DistributionState, scores: np.ndarray) -> _DistributionState:
-        """Cut the cells that contribute four fifths of the gaps, but at least 64 if there are enough."""
+        """Cut the cells that contribute most to the gaps."""
         order = np.argsort(-scores, kind="stable")
         shares = np.cumsum(scores[order]) / np.sum(scores)
-        count = min(max(int(np.searchsorted(shares, 0.8)) + 1, 64), 1 << 13, np.count_nonzero(scores))
+        count = min(max(int(np.searchsorted(shares, _MOST_OF)) + 1, _LEAST), _BATCH, np.count_nonzero(scores))
         table = state.table
         taken, rest = table.take(order[:count]), table.take(order[count:])
         cells, parent = self._source.cut(taken.cells, taken.flat, taken.over.parting)

@@ -22,8 +22,12 @@ from jhd._results.solution import HausdorffSolution, in_direction, on_device
 from jhd._runtime.compiled import compiled
 from jhd._shapes.curve import BezierSegments
 
+# Steps of the first stretch, which hold all but hard pairs of curves.
+_FIRST_STEPS = 128
 # Steps of the first stretch for surfaces; each later step takes a third longer (two cones take 19 and 27 steps).
 _FIRST_STEPS_OF_SURFACES = 64
+# The table grows by this factor.
+_GROWTH = 4
 
 
 class CurveSearch(AbstractSearch):
@@ -38,8 +42,7 @@ class CurveSearch(AbstractSearch):
         max_steps: most steps.
     """
 
-    # They hold all but hard pairs.
-    first_steps = 128
+    first_steps = _FIRST_STEPS
 
     def __init__(
         self, a: BezierSegments, b: BezierSegments, wanted: Wanted, direction: Any, capacity: int, max_steps: int
@@ -62,7 +65,7 @@ class CurveSearch(AbstractSearch):
     def longer(self, state: tuple[CurveState, bool]) -> tuple[CurveState, bool]:
         table = state[0].table
         # If no step was taken, cells were left out for lack of room: it begins anew.
-        longer = table.longer(3 * table.upper.size)
+        longer = table.longer((_GROWTH - 1) * table.upper.size)
         return state[0]._replace(table=longer), int(state[0].steps) == 0
 
 

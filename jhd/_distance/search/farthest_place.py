@@ -28,17 +28,26 @@ from jhd._distance.search.sources import AbstractSource, CellRows, PlaceOfCut, P
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
 from jhd._runtime.arrays import joined, taken
 
+# Feet count together if their distances agree to this many diameters of a cell.
+_TOGETHER = 2.0
 # Cells cut in a step, at most, and most that wait; each takes 400 bytes.
 _BATCH, _WAITING = 1 << 13, 1 << 20
-# If more cells wait than this, and than eight for each step allowed or piece of the source, the farthest points are not
-# isolated. A cell takes up to 0.2 ms.
-_FAMILY = 1 << 15
+# If more cells wait than this, and than _SHARE for each step allowed or piece of the source, the farthest points are
+# not isolated. A cell takes up to 0.2 ms.
+_FAMILY, _SHARE = 1 << 15, 8
 # Counts: steps, cells bounded, and cells that wait.
 COUNTS = "steps", "cells", "waiting"
-# The seconds after which a stretch ends with its current step.
-_SECONDS = 0.2
-# Points measured in a step: in the cells with the largest bounds, and the points that seem farthest.
-_PROVEN = 256
+# Steps of the first stretch, and the seconds after which any stretch ends with its current step.
+_FIRST_STEPS, _SECONDS = 24, 0.2
+# The step after which the point is first polished with all its feet; then after twice as many, and so on, or after
+# every step if this many cells wait: a step takes longer then.
+_POLISHED_FROM, _POLISHED_MANY = 4, 256
+# Points measured in a step: in the cells with the largest bounds, and the points that seem farthest. If a foot found is
+# not the nearest, a cell and its parts keep their bounds until this shows; most searches end before the step at which
+# this is checked.
+_PROVEN, _MENDED_FROM = 256, 16
+# Fraction of the tolerance that the bounds of a measured point may take.
+_MEASURED = 0.05
 
 
 def spread(feet: FootRows, places: np.ndarray) -> FootRows:
@@ -50,7 +59,7 @@ def spread(feet: FootRows, places: np.ndarray) -> FootRows:
     far = np.where(np.isnan(far), np.inf, far)
     first = np.argmin(far, axis=1)
     index = np.arange(len(first))
-    reach = far[index, first] + 2.0 * size
+    reach = far[index, first] + _TOGETHER * size
     chosen = [first]
     apart = np.sum((there - there[index, first][:, None]) ** 2, axis=2)
     for _ in range(FEET - 1):
@@ -101,7 +110,7 @@ class FarthestSearch(AbstractSearch):
         graphs: such bounds over cells of, or with feet on, implicit surfaces, or None.
     """
 
-    first_steps = 24
+    first_steps = _FIRST_STEPS
 
     def __init__(
         self,
@@ -147,7 +156,7 @@ class FarthestSearch(AbstractSearch):
 
     def _close(self, best: PlaceFound | None) -> float:
         """Return the gap that the bounds of a measured point may have."""
-        return 0.05 * self._allowed(0.0 if best is None else best.lower)
+        return _MEASURED * self._allowed(0.0 if best is None else best.lower)
 
     def _going(self, state: _FarthestState) -> bool:
         lower = 0.0 if state.best is None else state.best.lower
@@ -161,7 +170,7 @@ class FarthestSearch(AbstractSearch):
         """
         waiting, lower = len(state.waiting.upper), 0.0 if state.best is None else state.best.lower
         gap = self._upper(state) - max(lower, self._level)
-        many = waiting > max(_FAMILY, 8 * max(self.max_steps, state.covered))
+        many = waiting > max(_FAMILY, _SHARE * max(self.max_steps, state.covered))
         return many and waiting * gap > _WAITING * self._allowed(lower)
 
     def _step(self, state: _FarthestState) -> _FarthestState:
@@ -198,9 +207,7 @@ class FarthestSearch(AbstractSearch):
         upper = self._bounded(best, cells, upper, places.points[:, 0], candidates, chosen)
         if not self._target.sharp:
             high = np.where(np.isfinite(places.radius), found.upper.reshape(places.radius.shape), -np.inf)
-            # If a foot found is not the nearest, a cell and its parts keep their bounds until this shows. Most searches
-            # end before the step at which this is checked.
-            who = self._promising(best, high, upper, state.steps >= 16)
+            who = self._promising(best, high, upper, state.steps >= _MENDED_FROM)
             if len(who):
                 proven = self._measured(best, flat[who], high.ravel()[who])
                 best = self._raised(best, self._better(best, cells, places, who, proven))
@@ -340,9 +347,8 @@ class FarthestSearch(AbstractSearch):
         On a ridge, which has two equally near feet, points of cells are as far from the ridge as cells are wide. The
         distance falls off linearly, so without polishing the cells would have to be as small as the gap.
         """
-        # After twice as many steps each time, or after every step if many cells wait: a step takes longer then.
-        often = state.steps & (state.steps - 1) == 0 or len(state.waiting.upper) >= 256
-        due = state.steps >= 4 and often
+        often = state.steps & (state.steps - 1) == 0 or len(state.waiting.upper) >= _POLISHED_MANY
+        due = state.steps >= _POLISHED_FROM and often
         if not due or state.best is None or not self._going(state):
             return state
         return state._replace(best=self._polished(state, state.best))

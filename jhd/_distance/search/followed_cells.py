@@ -42,6 +42,17 @@ from jhd._runtime.compiled import compiled, optimized
 
 # Cells processed in one batch: few, since often there are no more; polynomials over them allow some more.
 _LANES, _LANES_OF_PARTS = 8, 16
+# Feet of one piece belong to different maps if their parameters differ by more than this.
+_APART = 0.5
+# Feet of a cell that are tried.
+_MOST = 4
+# A cell is cut if it extends beyond a side by this fraction of its length, if the foot of its middle differs from the
+# mean of the feet of its corners by at most this fraction of that excess, and if it is at most this many pieces long.
+_LEAST, _BENT, _LONG = 1e-7, 0.3, {Net: 0.9, Triangles: 2.0}
+# Number of cuts of cells and then their parts: about a corner of patches two lines meet, of triangles three.
+_CUTS = {Net: 2, Triangles: 3}
+# A piece that is farther from a corner of a cell than the goal by this factor does not help.
+_HOPELESS = 1.5
 # Parts of a triangle with one corner on one side of a cut and two on the other: numbers of the corners, starting at the
 # single corner, and 3 and 4 for the ends of the cut towards the second and the third.
 _PARTS_OF_TRIANGLE = np.array([[0, 3, 4], [3, 1, 2], [3, 2, 4]])
@@ -85,9 +96,7 @@ class FollowedFeet:
 
     def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
         self._target, self.shapes = target, (repeated(a), repeated(b))
-        # A cell is cut if it is at most this many pieces long. Then its parts are: about a corner of patches two lines
-        # meet, of triangles three.
-        self._long, self.most_cuts = (2.0, 3) if b.flat else (0.9, 2)
+        self._long, self.most_cuts = _LONG[type(b)], _CUTS[type(b)]
 
     def instead(self, a: Net) -> "FollowedFeet":
         """Return a copy for cells of the net `a`, whose number of pieces is one that functions are compiled for."""
@@ -129,7 +138,7 @@ class FollowedFeet:
         rows, k = np.nonzero(tried)
         far = in_blocks(_farthest_corner, self.shapes[1], parts.points[rows], feet.segment[rows, k])
         hopeful = np.zeros_like(tried)
-        hopeful[rows, k] = far <= 1.5 * goal[rows]
+        hopeful[rows, k] = far <= _HOPELESS * goal[rows]
         return hopeful
 
     def _by_any(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -168,8 +177,7 @@ class FollowedFeet:
     def cut(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray) -> tuple[np.ndarray, Simplices, FeetOfParts]:
         """Return the rows of cells cut at a side of a piece, their parts one after the other, and feet of the parts."""
         cut = self._cuts(parts, feet, tried)
-        # A cell is cut if it extends beyond a side by this fraction of its length.
-        rows = np.flatnonzero(cut.score > 1e-7)
+        rows = np.flatnonzero(cut.score > _LEAST)
         if not len(rows):
             return rows, parts.take(rows), feet.take(rows)
         smaller = self._divided(parts.take(rows), taken(cut, rows))
@@ -206,8 +214,7 @@ class FollowedFeet:
         low, high = np.min(corners, axis=1), np.max(corners, axis=1)
         bent, less = np.abs(sides[:, -1] - np.mean(corners, axis=1)), np.minimum(-low, high)
         span = high - low
-        # The foot of the middle may differ a little from the mean of the feet of the corners.
-        apt = (bent < 0.3 * less) & (span < self._long) & (span > 1e-9)
+        apt = (bent < _BENT * less) & (span < self._long) & (span > 1e-9)
         score = np.where(apt, less / np.where(span > 0, span, 1.0), 0.0)
         if not self.shapes[1].flat:
             # The foot was not followed any farther, or is around a side that is a single point.
@@ -264,16 +271,16 @@ def corners_of(cells: CellRows, flat: bool) -> np.ndarray:
 
 
 def _worth_trying(feet: FeetOfParts, flat: bool) -> np.ndarray:
-    """Return a mask of at most four feet of each cell: on new pieces or, if not `flat`, at new parameters."""
+    """Return a mask of at most _MOST feet of each cell: on new pieces or, if not `flat`, at new parameters."""
     columns = [feet.segment[:, 0] >= 0]
     for k in range(1, feet.segment.shape[1]):
         new = feet.segment[:, k] >= 0
         for j in range(k):
             other = feet.segment[:, k] != feet.segment[:, j]
-            new &= other if flat else other | (np.max(np.abs(feet.t[:, k] - feet.t[:, j]), axis=1) > 0.5)
+            new &= other if flat else other | (np.max(np.abs(feet.t[:, k] - feet.t[:, j]), axis=1) > _APART)
         columns.append(new)
     tried = np.stack(columns, axis=1)
-    return tried & (np.cumsum(tried, axis=1) <= 4)
+    return tried & (np.cumsum(tried, axis=1) <= _MOST)
 
 
 @optimized

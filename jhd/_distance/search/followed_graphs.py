@@ -30,6 +30,11 @@ from jhd._runtime.compiled import compiled
 _LANES = 64
 # A graph is used if it is this close, as a fraction of the size of the cell.
 _CLOSE = 1e-2
+# Feet are followed on a surface if there are this many cells in all and for each piece: usually fewer are left, and
+# compiling takes twelve seconds.
+_MANY, _OF_EACH = 256, 16
+# Half the sides of boxes about a point whose graph is computed, as fractions of the box of the surface.
+_ABOUT = 2.0 ** -np.arange(15.0, 5, -3)
 
 
 class FollowedGraphs:
@@ -73,7 +78,7 @@ def places_on_graphs(side: Side, b: Any, found: Any) -> list[PlaceOnPiece]:
     Smaller graphs are closer to the surface, and cover less of it.
     """
     lower, upper, x = np.asarray(side.lower), np.asarray(side.upper), found.point
-    half = (2.0 ** -np.arange(15.0, 5, -3) * np.max(upper - lower)).astype(lower.dtype)[:, None]
+    half = (_ABOUT * np.max(upper - lower)).astype(lower.dtype)[:, None]
     low, high = np.maximum(x - half, lower), np.minimum(x + half, upper)
     points, beside = in_blocks(_graphs, side, low, high)
     close = np.flatnonzero(beside <= _CLOSE * half[:, 0])
@@ -124,8 +129,7 @@ class FollowedOnSurface:
         They are off by the eighth order of the size of a cell if the distance is constant. They cost much, and are
         infinite unless there are many cells of each piece.
         """
-        # Usually fewer cells are left, and compiling takes twelve seconds.
-        if len(cells.piece) < max(256, 16 * len(np.unique(cells.piece))):
+        if len(cells.piece) < max(_MANY, _OF_EACH * len(np.unique(cells.piece))):
             return np.full(len(cells.piece), np.inf)
         start = feet.point[:, 0].astype(cells.low.dtype)
         return in_blocks(_distances, self._shapes, *cells[:3], start).astype(np.float64)

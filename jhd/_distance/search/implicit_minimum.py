@@ -56,8 +56,16 @@ from jhd._shapes.implicit import ImplicitSurface
 from jhd._shapes.mesh import TriangleMesh
 from jhd.progress import Callback
 
+# Slack for rounding when points are sharpened; half side of the cells for this, as a fraction of the size; steps.
+_ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
 # Up to this many pieces all pairs are searched, each over the whole surface; more are thinned out before the search.
 _FEW = 64
+# A number of steps that no search takes.
+_ENDLESS = 1 << 30
+# Steps over a few near pieces, for a first distance.
+_FIRST = 32
+# How often the first pairs are replaced, while this reduces the distance at least to this fraction.
+_TIMES, _NEARER = 12, 0.99
 
 
 def with_surface(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
@@ -149,7 +157,7 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
         return float(close_enough(_with_room(problem, table.best), task.wanted, table.best))
 
     # The table is replaced by the next pairs when it makes no more progress, so it must not be given up.
-    going = task._replace(wanted=task.wanted._replace(most=np.asarray(1 << 30)))
+    going = task._replace(wanted=task.wanted._replace(most=np.asarray(_ENDLESS)))
     return QueuedSearch(pairs.lower, filled, partial(_stretch, going), closed, method.max_steps)
 
 
@@ -161,10 +169,10 @@ def _first(task: "_SurfaceTask", pieces: int, few: NearPairs, room: int) -> Best
     problem, best = task.problem, _unknown(task.problem)
     net: Any = problem.a
     surface: Any = problem.b
-    for _ in range(12):
+    for _ in range(_TIMES):
         table = _filled(problem, few.part(0, PART), best, room)
-        found = _stretch(task, table, np.asarray(32), np.asarray(False))[0].best
-        if not found.upper < 0.99 * best.upper:
+        found = _stretch(task, table, np.asarray(_FIRST), np.asarray(False))[0].best
+        if not found.upper < _NEARER * best.upper:
             return found
         best = found
         few = around(surface, net, pieces, np.asarray(best.x[net.parameters :]))
@@ -305,7 +313,7 @@ def _room(problem: WithSurface, best: BestPair) -> Array:
     point_a, point_b = problem.a.piece(best.piece_a).point(best.x[:n]), problem.b.piece(best.piece_b).point(best.x[n:])
     reach = jnp.maximum(jnp.max(jnp.abs(point_a)), jnp.max(jnp.abs(point_b)))
     size = jnp.maximum(size_of(problem.a), size_of(problem.b))
-    return jnp.where(jnp.isfinite(best.upper), 4.0 * reach / jnp.where(size > 0, size, 1.0), 0.0)
+    return jnp.where(jnp.isfinite(best.upper), _ROOM * reach / jnp.where(size > 0, size, 1.0), 0.0)
 
 
 @compiled
@@ -336,11 +344,11 @@ def _sharp(task: _SurfaceTask, best: BestPair) -> BestPair:
 def _solved(problem: WithSurface, best: BestPair) -> Array:
     """Return the coordinates of the pair after solving the Lagrange system in a small cell about it."""
     lows, highs = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
-    half = 1e-4 * jnp.max(highs - lows)
+    half = _ABOUT * jnp.max(highs - lows)
     cell = Cell(best.piece_a, best.piece_b, jnp.maximum(best.x - half, lows), jnp.minimum(best.x + half, highs))
     width = cell.high - cell.low
     start = (best.x - cell.low) / jnp.where(width > 0, width, 1.0)
-    z = stationary(problem.a, problem.b, cell, start, 24).z
+    z = stationary(problem.a, problem.b, cell, start, _STEPS).z
     # Sides of the cell are met exactly: they may be faces of the box.
     return jnp.where(z >= 1, cell.high, jnp.clip(cell.low + z * width, cell.low, cell.high))
 

@@ -16,11 +16,19 @@ from jhd._distance.search.sources import AbstractSource
 from jhd._distance.witness.multipliers import balanced_feet
 from jhd._runtime.arrays import joined
 
+# A point counts as farther unless it is nearer by more than this many units of roundoff, of distance and coordinates.
+_AS_FAR = 32
+# Additional feet of the farthest point that polishing may find.
+_MISSED = 2
 # A point is proven at any cost, and fixed feet are tried, if this multiple of the allowed gap is open.
 _OPEN_PROOF = 16
+# Largest number of moves with all feet; each has to close more than half of the gap.
+_TIMES = 8
 # Distance of the points sampled around the farthest point, and the margin within which they count as nearest; fractions
 # of the distance.
 _RING, _EQUAL = 1e-6, 1e-8
+# Fraction of this margin that bounds of distances around the point may leave open.
+_SURE = 0.1
 _CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
 # By how much the gap may be too small.
 _OPEN = 4
@@ -68,8 +76,7 @@ class FartherPlaces:
             gap: gap between the bounds.
             close: gap that bounds of its distance may have.
         """
-        # Each move has to close more than half of the gap.
-        for _ in range(8):
+        for _ in range(_TIMES):
             found = self._with_feet(best, gap, close)
             gained = found.lower - best.lower
             best, gap = found, max(gap - gained, 0.0)
@@ -129,7 +136,7 @@ class FartherPlaces:
         feet: FootRows,
         shares: np.ndarray,
         close: float,
-        missed: int = 2,
+        missed: int = _MISSED,
     ) -> PlaceFound:
         """Return the point balanced with some feet, and with at most `missed` nearer feet that it meets."""
         for _ in range(1 + missed):
@@ -158,7 +165,7 @@ def _farther(best: PlaceFound, tried: PlaceFound | None) -> PlaceFound:
     """Return the point tried, unless it is nearer by more than rounding, with the better bound of both."""
     if tried is None or not np.isfinite(tried.radius):
         return best
-    missing = 32 * unit_roundoff(best.point.dtype) * (1 + best.distance)
+    missing = _AS_FAR * unit_roundoff(best.point.dtype) * (1 + best.distance)
     if not tried.distance >= best.distance - missing:
         return best
     return tried._replace(lower=max(tried.lower, best.lower))
@@ -197,7 +204,7 @@ def _active_feet(
         # On either side of a tie another foot is the nearest. Next to flat pieces that meet at a small angle, the gap
         # leaves the point farther from the tie than a small fraction of the distance.
         around = (place + max(_RING * size, np.sqrt(gap * size), reach) * _CUBE).astype(place.dtype)
-        found = follow(target.rows_of(target.nearest(around, close=0.1 * _EQUAL * size)))
+        found = follow(target.rows_of(target.nearest(around, close=_SURE * _EQUAL * size)))
     every = joined([foot, found])
     distance = np.linalg.norm(place.astype(np.float64) - every.point, axis=1)
     equal = max(_OPEN * gap, _EQUAL * size, 2 * reach)

@@ -36,6 +36,10 @@ _BATCH = 1 << 14
 _ROOM = 1 << 11
 # Counts: steps, cells, cells that were split, and points that were measured.
 _COUNTS = "steps", "cells", "split", "points"
+# If the lower bound is below this fraction of the upper bound, a may lie in b.
+_COINCIDENT = 1e-3
+# Cells are dropped within this fraction of the requested gap.
+_OF_ASKED = 0.99
 
 
 class _FarthestPoint(NamedTuple):
@@ -153,8 +157,7 @@ class MeshSearch(AbstractSearch):
         """Split the cells with the largest bounds."""
         waiting, best, steps = state.waiting, state.best, state.steps
         order = np.argsort(-waiting.upper, kind="stable")
-        # If the lower bound is so small, a may lie in b.
-        clipping = best.lower <= 1e-3 * float(waiting.upper.max()) or steps % 8 > 5
+        clipping = best.lower <= _COINCIDENT * float(waiting.upper.max()) or steps % 8 > 5
         parts = split(self._side, waiting.take(order[:_BATCH]), steps, clipping)
         return state._replace(
             waiting=joined([waiting.take(order[_BATCH:]), parts]),
@@ -201,7 +204,7 @@ def _allowed(side: MeshSide, method: BranchAndBound) -> AllowedGap:
         atol = float(default_tolerance(size, side.corners.dtype, floor(0.0)))
     else:
         # The rest is for rounding the bounds outward.
-        atol = 0.99 * float(np.ldexp(float(method.atol), -side.tree.exponent))
+        atol = _OF_ASKED * float(np.ldexp(float(method.atol), -side.tree.exponent))
     return AllowedGap(atol, float(method.rtol), floor, method.atol is not None)
 
 

@@ -25,6 +25,17 @@ from jhd._runtime.compiled import compiled
 from jhd._shapes.mesh import TriangleMesh
 from jhd._triangles.closest_point import in_blocks_of
 
+# Points from which feet are followed to and fro, and how often; each time reduces the excess by a fraction.
+_STARTS, _ROUNDS = 32, 12
+# Pieces that are examined around a point.
+_AROUND = 64
+# Times that cells are cut at most, and pairs from which on they are not cut any more.
+_CUTS, _MANY = 12, 1 << 18
+# Times that an edge which crosses the surface is halved.
+_HALVINGS = 60
+# Rounding errors of boxes, lengths and control points are far below this many units of roundoff.
+_SLACK = 1e4
+
 
 class NearPairs(NamedTuple):
     """Pairs of cells of a surface and pieces, sorted by a lower bound of their distance."""
@@ -69,7 +80,7 @@ def crossing(side: Side, net: Net, count: int) -> Crossing | None:
     k, i = int(piece[0]), int(edge[0])
     ends = corners[k, i], corners[k, (i + 1) % 3]
     low, high = 0.0, 1.0
-    for _ in range(60):
+    for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         same = _signs(side, (ends[0] + middle * (ends[1] - ends[0]))[None])[0] == sign[k, i]
         low, high = (middle, high) if same else (low, middle)
@@ -111,16 +122,15 @@ def near_pairs(side: Side, net: Net, count: int, is_mesh: bool) -> tuple[NearPai
     if not np.isfinite(upper):
         return None
     ends = points.min(axis=(1, 2)), points.max(axis=(1, 2))
-    # Rounding errors of boxes, lengths and control points are far below this slack.
-    cover, slack = surface.target.cover, 1e4 * float(np.finfo(points.dtype).eps)
+    cover, slack = surface.target.cover, _SLACK * float(np.finfo(points.dtype).eps)
     alive = np.asarray(cover.alive)
     low, high = np.asarray(cover.lower).T[alive], np.asarray(cover.upper).T[alive]
     cell, piece, lower = _within(low, high, *ends, upper + slack)
-    for _ in range(12):
+    for _ in range(_CUTS):
         used, cell = np.unique(cell, return_inverse=True)
         low, high = low[used], high[used]
         small = np.median(np.max(ends[1][piece] - ends[0][piece], axis=1)) if len(piece) else np.inf
-        if np.max(high - low, initial=0.0) <= small or len(piece) > 1 << 18:
+        if np.max(high - low, initial=0.0) <= small or len(piece) > _MANY:
             break
         low, high, parent = eighths(side, low, high)
         cell, piece, lower = _of_children(low, high, parent, cell, piece, *ends, upper + slack)
@@ -134,7 +144,7 @@ def around(side: Side, net: Net, count: int, place: np.ndarray) -> NearPairs:
     """Return some pieces next to a point, each with the whole box of the surface."""
     points: Any = np.asarray(net.points)[:count]
     gap = _gap(place, place, points.min(axis=(1, 2)), points.max(axis=(1, 2)))
-    return _whole(side, np.argsort(gap, kind="stable")[:64])
+    return _whole(side, np.argsort(gap, kind="stable")[:_AROUND])
 
 
 def _whole(side: Side, pieces: np.ndarray) -> NearPairs:
@@ -158,9 +168,8 @@ def _upper(surface: SurfaceTarget, other: AbstractTarget) -> tuple[float, np.nda
         return np.inf, np.empty(0, int)
     found = other.near(np.asarray(cloud.points).T[known])
     uppers = found.upper + radius[known]
-    best, found = float(uppers.min()), found.take(np.argsort(uppers)[:32])
-    # Feet are followed to and fro; each time reduces the excess by a fraction.
-    for _ in range(12):
+    best, found = float(uppers.min()), found.take(np.argsort(uppers)[:_STARTS])
+    for _ in range(_ROUNDS):
         there = surface.near(found.foot)
         best = min(best, float((there.upper + other.error(found)).min()))
         found = other.near(np.where(np.isfinite(there.upper)[:, None], there.foot, found.foot))

@@ -38,6 +38,9 @@ from jhd._runtime.arrays import is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd.progress import Callback
 
+# Pairs of pieces whose boxes are compared at once.
+_TOGETHER = 1 << 14
+
 
 def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """Return the minimum distance of curves and parametric surfaces, differentiable in both."""
@@ -123,8 +126,7 @@ def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np
         pairs, valid = _near_pairs(b, a, (counts[1], counts[0]))
         return pairs[:, ::-1], valid
     x, y = (np.asarray(net.points)[:count] for net, count in zip((a, b), counts, strict=True))
-    # Pairs of pieces that are compared at once.
-    upper, kept, rows = np.inf, [], 1 + (1 << 14) // len(y)
+    upper, kept, rows = np.inf, [], 1 + _TOGETHER // len(y)
     parts = [slice(k, k + rows) for k in range(0, len(x), rows)]
     for part in parts:
         upper = min(upper, float(np.sqrt(np.sum((x[part, None, 0, 0] - y[:, 0, 0]) ** 2, axis=-1)).min()))

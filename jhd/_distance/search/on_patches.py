@@ -39,15 +39,26 @@ from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import compiled, optimized
 from jhd._triangles.closest_point import outward
 
-# Samples of a piece along each parameter from which feet are searched.
-_SAMPLES = 6
+# Samples of a piece along each parameter from which feet are searched, and Newton steps for feet.
+_SAMPLES, _FOOT_STEPS = 6, 10
 # Queries or cells that are bounded in one batch: few, since often there are no more.
 _LANES = 8
+# Distances are equal if they differ by less than this many units of roundoff of the surface and the distance.
+_TIED = 16
+# Feet no farther from a pole, a point onto which an edge is collapsed, are searched all around it.
+_AT_POLE = 1e-5
+# Directions from a pole lead to points this far from samples (fraction of the parameters), and bend by at most this.
+_INSIDE, _BENT = 2.0**-10, 0.05
+# Newton steps that correct feet, and how much they may change parameters.
+_MENDING, _MENDED = 2, 1e-6
+# Cells of a query from which on squares bound them too. Queries with no convex part, for example on an axis of
+# revolution, use squares from the first cell on.
+_HARD = 64
 # Half sides of the parts about feet that are bounded first: the first serves nearly all points of smooth surfaces, the
 # last the points near poles and centers of curvature.
 _REACHES = 2.0**-3, 2.0**-5, 2.0**-7
-# A query that needs more cells keeps the bounds it has.
-_MOST = 4096
+# A query that needs more cells keeps the bounds it has; for few queries the second number limits all cells together.
+_MOST, _MOST_OF_ALL = 4096, 1 << 17
 # Largest distance of a query, in powers of two of the size of the surface, before its coordinates would overflow.
 _FAR = {8: 900, 4: 90}
 # The gap at which a query is done, in units of roundoff of its distance and the size of the surface.
@@ -112,7 +123,7 @@ class NetTarget(AbstractTarget):
     def _from_poles(self) -> np.ndarray:
         """Unit vectors (poles, most, 3) that lead from each pole into the pieces, one for each sample around it."""
         places = np.linspace(0.0, 1.0, _SAMPLES)
-        ends = (samples_of(self.net, x) for x in (places, places + 2.0**-10 * np.sign(0.5 - places)))
+        ends = (samples_of(self.net, x) for x in (places, places + _INSIDE * np.sign(0.5 - places)))
         start, end = (x.reshape(-1, 3)[self._at_poles] for x in ends)
         return unit(end - start)
 
@@ -228,13 +239,13 @@ class NetTarget(AbstractTarget):
             return
         there = np.ldexp(feet.point, shift)
         pole = self._poles.nearest(there)
-        near = np.flatnonzero(np.max(np.abs(there - self._poles.points[pole]), axis=1) <= 1e-5)
+        near = np.flatnonzero(np.max(np.abs(there - self._poles.points[pole]), axis=1) <= _AT_POLE)
         for start in range(0, len(near), BLOCK):
             rows = near[start : start + BLOCK]
             away = points[rows] - np.ldexp(self._poles.points[pole[rows]], -shift)
-            # From an apex no direction leads nearer. Directions may bend a little.
+            # From an apex no direction leads nearer.
             nearer = np.einsum("nk,nmk->nm", away, self._from_poles[pole[rows]])
-            ahead = nearer >= -0.05 * np.max(np.abs(away), axis=1, keepdims=True)
+            ahead = nearer >= -_BENT * np.max(np.abs(away), axis=1, keepdims=True)
             samples = self._at_poles[pole[rows]]
             who, column = np.nonzero(ahead & (samples >= 0))
             if len(who):
@@ -283,8 +294,7 @@ class NetTarget(AbstractTarget):
 
         about = self._settled_about(feet, points, net, goal(), settled)
         stack = [self._boxes.near(points, feet.upper, shift, about, goal())]
-        # Few queries share a larger number of cells.
-        most = _MOST if hasty else max(_MOST, 2**17 // max(1, len(np.unique(stack[0].who))))
+        most = _MOST if hasty else max(_MOST, _MOST_OF_ALL // max(1, len(np.unique(stack[0].who))))
         while stack:
             cells = stack.pop()
             stop = cells.lower >= goal()[cells.who]
@@ -302,9 +312,7 @@ class NetTarget(AbstractTarget):
             _take_over(feet, cells.who, _Feet(upper, found[2], cells.piece, *found[3:5]))
             lower = np.maximum(cells.lower, np.nan_to_num(found[0].astype(np.float64), nan=0.0, posinf=np.inf))
             low, high, axis, thin = found[5:]
-            # Squares bound hard queries too, and from the first cell on queries with no convex part, for example on an
-            # axis of revolution.
-            hard = (about.piece < 0) | (work > 64)
+            hard = (about.piece < 0) | (work > _HARD)
             hard = np.flatnonzero(hard[cells.who] & (lower < goal()[cells.who]))
             if len(hard):
                 some = cells.take(hard)
@@ -340,7 +348,8 @@ def _take_over(feet: _Feet, who: np.ndarray, found: _Feet, size: float = 0.0) ->
     may have the foot, and its distance determines it only to the root of rounding.
     """
     new, old = (
-        x.upper + np.where(np.any((x.x <= 0) | (x.x >= 1), axis=1), 16, 0) * _rounding(x, size) for x in (found, feet)
+        x.upper + np.where(np.any((x.x <= 0) | (x.x >= 1), axis=1), _TIED, 0) * _rounding(x, size)
+        for x in (found, feet)
     )
     old = old[who]
     order = np.lexsort((-new, who))
@@ -393,8 +402,7 @@ def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> 
     def one(point: Array, k: Array, x: Array) -> Any:
         about = _about(net, point, k)
         fixed = jnp.zeros(x.shape, bool)
-        # Ten steps, then two that correct the parameters by at most 1e-6.
-        x = nearest_in(about.point, about.piece, x, fixed, 10, 2, 1e-6)
+        x = nearest_in(about.point, about.piece, x, fixed, _FOOT_STEPS, _MENDING, _MENDED)
         distance = length(jet(about.piece, x).point)
         upper = distance * (1 + gamma(12, distance.dtype)) + point_error(about.piece)
         _, upper, distance = _lengths(about, jnp.zeros_like(upper), upper, distance)

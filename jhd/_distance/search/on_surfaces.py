@@ -37,8 +37,8 @@ _STARTS, _FOOT_STEPS, _LANES = 4, 6, 64
 _CLOSE, _ULPS = 1e-12, 64
 # Queries whose distances to all cells of a cover are formed at once.
 _ROWS = 1024
-# A hasty query with more open cells is given up.
-_MANY = 512
+# A hasty query with more open cells is given up; if it is alone, at most this number of graphs bounds it.
+_MANY, _GRAPHS = 512, 1 << 12
 # A query this many boxes away takes the box for a point.
 _FAR = {8: 2.0**56, 4: 2.0**26}
 
@@ -182,8 +182,7 @@ class SurfaceTarget(AbstractTarget):
 
         Cells that are crossed in one sheet are bounded by their graphs, to the eighth order of their size.
         """
-        # At most this number of graphs bounds a query.
-        side, cover, most = self.target.side, self.target.cover, 1 << 12
+        side, cover, most = self.target.side, self.target.cover, _GRAPHS
         low, high = (np.asarray(end).T[np.asarray(cover.alive)] for end in cover[:2])
         goal, settled = upper - close, np.inf
         while True:

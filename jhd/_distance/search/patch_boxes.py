@@ -23,12 +23,18 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._runtime.arrays import joined, taken
 from jhd._triangles.box_tree import WIDTH, box_tree
 
+# Nodes are cut for at least this many pairs of points and nodes; for fewer the calls cost more than they save.
+_WORTH = 8
+# Parts are not cut below this size in a parameter: about a half of the smallest box that is settled about a foot.
+_SMALLEST = 2.0**-8
 # Largest number of nodes: 12 MB.
 _MOST = 1 << 16
 # A point with more nodes on one level keeps these: near a center of curvature all parts stay, however small they are.
 _CROWD = 16
 # Points that descend together: their pairs fit into the cache of a processor.
 _TOGETHER = 4096
+# Sine of the angle between two sides below which their directions count as one.
+_PARALLEL = 1e-6
 # More than the roundings of each step here.
 _ROUNDINGS = gamma(16, np.float64)
 
@@ -151,8 +157,7 @@ class PatchBoxes:
             cells = PieceParts(who, *(x[left] for x in (piece, low, high, lower)))
             cut = (settled.piece[who] >= 0) & (cells.lower < goal[who])
             cut &= np.bincount(who, minlength=len(points))[who] <= _CROWD
-            # About a half of the smallest box that is settled about a foot.
-            cut &= cells.high[:, 0] - cells.low[:, 0] > 2.0**-8
+            cut &= cells.high[:, 0] - cells.low[:, 0] > _SMALLEST
             self._cut(node[cut & (self._nodes.first[node] < 0)])
             first = self._nodes.first[node]
             cut = (cut | (cells.piece < 0)) & (first >= 0)
@@ -165,8 +170,7 @@ class PatchBoxes:
 
     def _cut(self, node: np.ndarray) -> None:
         """Add the parts of nodes; nodes may be repeated."""
-        # For fewer the calls cost more than they save.
-        if len(node) < 8:
+        if len(node) < _WORTH:
             return
         held, parameters = len(self._nodes.piece), self._nodes.low.shape[1]
         children = 1 << parameters
@@ -209,8 +213,7 @@ def _axes(points: np.ndarray) -> np.ndarray:
     a = np.where(np.any(a != 0, axis=1, keepdims=True), a, np.eye(3)[0])
     other = np.eye(3)[np.argmin(np.abs(a), axis=1)]
     b, other = (x - np.sum(x * a, axis=1, keepdims=True) * a for x in (b, other))
-    # Directions of sides at a smaller angle count as one.
-    b = unit(np.where(length(b)[:, None] > 1e-6, b, other))
+    b = unit(np.where(length(b)[:, None] > _PARALLEL, b, other))
     return np.stack([a, b, np.cross(a, b)], axis=1)
 
 

@@ -9,8 +9,14 @@ from jhd._arithmetic.bernstein import binomials
 from jhd._distance.normalization.net_jets import Net
 from jhd._triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, point_tree
 
+# Largest number of pairs of queries and samples that are all compared, as fast as making a tree of some thousand
+# samples; and pairs compared at once, few enough for the cache of a processor.
+_FEW, _AT_ONCE = 1 << 21, 1 << 16
+
 # Samples of other pieces that count as neighbors, and cells along a unit of length: samples in one cell are equal.
 _MOST, _SAME = 3, 2.0**30
+# Samples around a pole, onto which an edge is collapsed: the samples of sixteen pieces.
+_MOST_AROUND = 96
 
 
 def samples_beside(samples: np.ndarray) -> np.ndarray:
@@ -70,7 +76,7 @@ def _coincide(samples: np.ndarray, axis: int) -> np.ndarray:
 def _poles(samples: np.ndarray) -> np.ndarray:
     """Return the numbers of the samples at each location of coinciding neighbors, -1 after the last one.
 
-    At most 96 evenly chosen samples, as many as sixteen pieces have, are kept at a location.
+    At most _MOST_AROUND evenly chosen samples are kept at a location.
     """
     alike = np.zeros(samples.shape[:-1], bool)
     for axis in range(1, samples.ndim - 1):
@@ -80,7 +86,7 @@ def _poles(samples: np.ndarray) -> np.ndarray:
     rows = np.flatnonzero(alike)
     place = _places(samples.reshape(-1, 3)[rows])
     count = np.bincount(place)
-    size = np.minimum(count, 96)
+    size = np.minimum(count, _MOST_AROUND)
     found = np.full((len(count), max(size, default=1)), -1)
     order = np.argsort(place, kind="stable")
     column = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
@@ -123,12 +129,10 @@ class SampledStarts:
 
     def nearest(self, queries: np.ndarray) -> np.ndarray:
         """Return the number of a point for each query (queries, 3); far queries only get some point."""
-        # Comparing all pairs of these is as fast as making a tree of some thousand samples.
-        if len(queries) * len(self.points) > 1 << 21:
+        if len(queries) * len(self.points) > _FEW:
             tree, rows = in_unit_of(self._tree, queries)
             return tree.order[nearest_triangles(tree, rows).triangle]
-        # Few enough for the cache of a processor.
-        step = max(1, (1 << 16) // len(self.points))
+        step = max(1, _AT_ONCE // len(self.points))
         return np.concatenate([self._among_all(queries[k : k + step]) for k in range(0, len(queries), step)])
 
     def _among_all(self, queries: np.ndarray) -> np.ndarray:

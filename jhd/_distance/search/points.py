@@ -17,8 +17,12 @@ from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution
 from jhd._runtime.arrays import taken, undifferentiated
 from jhd._shapes.curve import BezierSegments
 
+# Points of the first step; each step takes twice as many, up to the best number for the target.
+_FIRST = 32
 # Counts: steps, points, and points that were measured.
 COUNTS = "steps", "points", "measured"
+# Steps of the first stretch.
+_FIRST_STEPS = 16
 
 
 class _Farthest(NamedTuple):
@@ -47,7 +51,7 @@ class PointSearch(AbstractSearch):
         max_steps: most steps.
     """
 
-    first_steps = 16
+    first_steps = _FIRST_STEPS
 
     def __init__(self, points: np.ndarray, target: AbstractTarget, allowed: AllowedGap, aim: Aim, max_steps: int):
         self._points, self._target, self._allowed = points, target, allowed
@@ -81,8 +85,7 @@ class PointSearch(AbstractSearch):
         return bool(np.isfinite(after)) and beyond and lower <= self._ceiling
 
     def _step(self, state: _PointSearchState) -> _PointSearchState:
-        # Each step takes twice as many, up to the best number for the target.
-        size = min(32 << min(state.steps, 20), self._target.block)
+        size = min(_FIRST << min(state.steps, 20), self._target.block)
         rows = state.order[state.measured : state.measured + size]
         best = state.best
         enough = self._level if best is None else max(best.lower, self._level)

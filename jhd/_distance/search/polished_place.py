@@ -24,10 +24,15 @@ from jhd._distance.normalization.net_jets import Net, jet
 from jhd._distance.search.row_batches import each, in_blocks
 from jhd._runtime.compiled import compiled
 
+# Newton steps; they end at the first step longer than this fraction of the domain, or shorter than that one.
+_STEPS, _LONGEST, _SHORTEST = 8, 0.05, 1e-15
+# Newton steps towards a foot on an implicit surface.
+_FOOT_STEPS = 8
 # Step of the differences of gradients, as a fraction of the domain.
 _STEP = 1e-4
-# At this distance from a side a point lies on it up to rounding.
-_ROUNDED = 1e-15
+# A side this near holds a point if the slope towards it is more than minus this fraction of the longest gradient. At
+# the last distance the point lies on the side up to rounding.
+_BESIDE, _OUTWARD, _ROUNDED = 1e-6, 1e-6, 1e-15
 
 
 class _Followed(NamedTuple):
@@ -89,7 +94,7 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
     feet, shares = feet.map(lambda y: y[used]), shares[used]
     x, dtype = x.astype(np.float64), x.dtype
     steps = np.concatenate([np.zeros((1, len(x))), _STEP * np.eye(len(x)), -_STEP * np.eye(len(x))])
-    for _ in range(8):
+    for _ in range(_STEPS):
         found = _followed(shapes, piece, (x + steps).astype(dtype), feet)
         gradient, (ahead, behind) = found.gradient[0], np.split(found.gradient[1:], 2)
         x, along = _held(shapes[0], x, shares @ gradient, np.max(np.abs(gradient), initial=0.0))
@@ -103,13 +108,13 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
         bent = along.T @ np.einsum("ikn,k->in", ahead - behind, shares) @ along / (2 * _STEP)
         step, shares = _newton(0.5 * (bent + bent.T), gradient @ along, found.distance[0])
         step = along @ step
-        # As a fraction of the domain. Fixed feet cannot be lost.
-        longest = 1.0 if shapes[1] is None else 0.05
+        # Fixed feet cannot be lost.
+        longest = 1.0 if shapes[1] is None else _LONGEST
         if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > longest:
             return None
         # A side that the step reaches holds the point from the next step on, if the point still would leave.
         x = _within(shapes[0], x + step)
-        if np.max(np.abs(step)) < 1e-15:
+        if np.max(np.abs(step)) < _SHORTEST:
             break
     x = x.astype(dtype)
     return SharpenedPlace(x, _followed(shapes, piece, x[None], feet).point[0, 0])
@@ -159,8 +164,7 @@ def _within(a: Net | Triangles, x: np.ndarray) -> np.ndarray:
 def _held(a: Net | Triangles, x: np.ndarray, slope: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the point moved onto the sides that hold it, and orthonormal directions along them as columns."""
     sides, room = _domain(a, len(x))
-    # A side next to the point, if the slope does not lead away from it.
-    held = (room - sides @ x <= 1e-6) & (sides @ slope > -1e-6 * size)
+    held = (room - sides @ x <= _BESIDE) & (sides @ slope > -_OUTWARD * size)
     if not np.any(held):
         return x, np.eye(len(x))
     values, frame = np.linalg.svd(sides[held])[1:]
@@ -192,7 +196,7 @@ def _followed_to(shapes: Any, count: Array, piece: Array, x: Array, segment: Arr
         if isinstance(b, Net | Triangles):
             foot = foot_near(b.piece(segment), point, start)
             return point, tangents, b.piece(segment).point(foot), foot
-        foot = start if b is None else local_feet(b, point[:, None], start[:, None], 8)[:, 0]
+        foot = start if b is None else local_feet(b, point[:, None], start[:, None], _FOOT_STEPS)[:, 0]
         return point, tangents, foot, foot
 
     return each(one, count, (piece, x, segment, start), 8)

@@ -25,11 +25,11 @@ from jhd._results.solution import DIRECTIONS, EVENTS, Witness
 from jhd._runtime.arrays import varying
 from jhd._shapes.curve import BezierSegments
 
-# Rounding of a distance to a refined foot, in units of roundoff of the common coordinates.
-_AGREEING = 64
+# Rounding of a distance, and of a distance to a refined foot, in units of roundoff of the common coordinates.
+_NOISE, _AGREEING = 4, 64
 # Attempts to refine a maximum: from the point found, from the point reached, from points between, and only with the
-# feet of the point found.
-_TRIALS = 12
+# feet of the point found; and the number of attempts before points on both sides of the maximum are needed.
+_TRIALS, _LED = 12, 2
 
 
 class SearchedPlace(NamedTuple):
@@ -93,8 +93,7 @@ def refined(a: BezierSegments, near: NearCurve, state: SearchedPlace) -> Refined
         at = found.at._replace(t=jnp.where(tried.count > 0, between, found.at.t))
         # An end or corner stays the maximum, whatever rounding leaves of its feet.
         held = here.around.end | here.around.corner
-        # After two attempts points on both sides of the maximum are needed.
-        count = jnp.where(last | ~held & (apart | (tried.count < 2)), tried.count + 1, _TRIALS - 1)
+        count = jnp.where(last | ~held & (apart | (tried.count < _LED)), tried.count + 1, _TRIALS - 1)
         return _RefinementTrial(count, found, at, found.foot, sides)
 
     (segment, t), (k, s) = state.at, state.foot
@@ -155,7 +154,7 @@ def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: Searc
     distances = jnp.append(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)), found.distance)
     off = jnp.max(distances[:2]) - jnp.min(distances)
     eps = float(jnp.finfo(point.dtype).eps)
-    better = (found.distance >= state.value - 4 * eps) & (off <= _AGREEING * eps)
+    better = (found.distance >= state.value - _NOISE * eps) & (off <= _AGREEING * eps)
     multipliers, _ = active.balance(y, system, witness.multipliers)
     better = better & (~system.two | jnp.all(multipliers > 0))
     new = replace(witness, t=y[0], point=point, feet=feet, feet_params=y[1:], multipliers=multipliers)

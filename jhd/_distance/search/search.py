@@ -17,6 +17,11 @@ from jhd._results.solution import RESULTS, name_of, with_result
 from jhd._runtime.clock import Clock, TimeLimit
 from jhd.progress import Callback, Progress
 
+# Target duration of stretches after the first two, in seconds, and how much longer the next one may be.
+_SECONDS, _LONGER = 0.2, 4.0
+# Shortest duration of a stretch: a coarse clock may not have moved in it.
+_TICK = 1e-9
+
 
 class Standing(NamedTuple):
     """Progress of a search."""
@@ -143,8 +148,7 @@ def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> 
             return _ended(standing, listener)
         # The first stretch may have been compiled in it.
         if not fresh:
-            # Towards 0.2 seconds, and not much longer at once. A coarse clock may not have moved.
-            stretch = max(1, int(stretch * min(4.0, 0.2 / max(time.perf_counter() - began, 1e-9))))
+            stretch = max(1, int(stretch * min(_LONGER, _SECONDS / max(time.perf_counter() - began, _TICK))))
         stretch, taken = max(1, stretch), int(standing.steps)
         if standing.full:
             state = search.longer(state)

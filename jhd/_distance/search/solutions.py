@@ -19,6 +19,17 @@ from jhd._distance.search.surfaces import SurfaceState, advance, begin, toleranc
 from jhd._results.solution import EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 from jhd._runtime.arrays import varying
 
+# Waiting cells of a search for any point, cells per step, and steps.
+_CAPACITY, _LANES, _STEPS = 2048, 32, 400
+_NARROW = 2.0**-44
+_POINT_STEPS = 8
+# A distance of at most this many units of roundoff is zero; weights below this fraction of the largest are zero.
+_COINCIDENT, _WEIGHTLESS = 256, 1e-9
+# A measured distance contributes to the gap if its bounds differ by more than this fraction of the tolerance.
+_WIDE = 0.5
+# If this many cells are left when a search ends, the farthest points are not isolated.
+_FAMILY = 400
+
 
 class _Look(NamedTuple):
     rows: Array
@@ -44,20 +55,20 @@ def with_some_point(known: Target) -> tuple[Target, Bool[Array, ""]]:
     none = ~jnp.any(jnp.isfinite(points.radius))
 
     def going(look: _Look) -> Array:
-        return none & jnp.isinf(look.radius) & jnp.any(look.key < jnp.inf) & (look.steps < 400)
+        return none & jnp.isinf(look.radius) & jnp.any(look.key < jnp.inf) & (look.steps < _STEPS)
 
     def step(look: _Look) -> _Look:
-        _, index = jax.lax.top_k(-look.key.astype(jnp.float32), 32)
+        _, index = jax.lax.top_k(-look.key.astype(jnp.float32), _LANES)
         taken, live = look.rows[index].T, look.key[index] < jnp.inf
         low, high = taken[:3], taken[3:]
         free, middle = inner(side, low, high), 0.5 * (low + high)
         face = jnp.where(low <= jnp.asarray(side.lower)[:, None], low, high)
         starts = jnp.concatenate([middle, jnp.where(free, middle, face)], axis=1)
         fixed = jnp.concatenate([jnp.zeros_like(free), ~free], axis=1)
-        found = projected(side, starts, fixed, 8)
+        found = projected(side, starts, fixed, _POINT_STEPS)
         radius = jnp.where(jnp.tile(live, 2), proven_radius(side, found), jnp.inf)
         best = jnp.argmin(radius)
-        wide = live & (jnp.max(high - low, axis=0) >= like_double(2.0**-44, low.dtype))
+        wide = live & (jnp.max(high - low, axis=0) >= like_double(_NARROW, low.dtype))
         low, high = halved(low, high)
         kept = form(side, boxes(low, high)).may_vanish & jnp.tile(wide, 8)
         key = jnp.where(kept, -jnp.max(high - low, axis=0), jnp.inf)
@@ -66,8 +77,7 @@ def with_some_point(known: Target) -> tuple[Target, Bool[Array, ""]]:
         return _Look(rows, keys, found[:, best], radius[best], whole, look.steps + 1)
 
     width = jnp.max(covering.upper - covering.lower, axis=0)
-    # Cells that may wait.
-    room = 2048 - width.size
+    room = _CAPACITY - width.size
     start = _Look(
         jnp.pad(jnp.concatenate([covering.lower, covering.upper]).T, ((0, room), (0, 0))),
         jnp.pad(jnp.where(covering.alive, -width, jnp.inf), (0, room), constant_values=jnp.inf),
@@ -112,12 +122,11 @@ def solution_of(pair: CoveredPair, wanted: Wanted, state: SurfaceState, directio
     lower = jnp.where(proven, best.lower, 0.0)
     gap = upper - jnp.maximum(lower, wanted.aim.level)
     closed = gap <= tolerance(a.side, b.side, wanted, upper) * (1 + 4 * u)
-    # If many cells are left when a search ends, the farthest points are not isolated.
-    family = state.waiting >= 400
+    family = state.waiting >= _FAMILY
     result = result_where(family, RESULTS.nonisolated_maxima, RESULTS.gap_not_closed)
     # Capacity is missing if cells were dropped, or if a point is farther than its bound: then many points of b are
     # about equally near.
-    wide = best.value - best.lower > 0.5 * tolerance(a.side, b.side, wanted, upper)
+    wide = best.value - best.lower > _WIDE * tolerance(a.side, b.side, wanted, upper)
     result = result_where(state.full | wide, RESULTS.capacity_reached, result)
     # A point that cannot be proven may keep the bounds apart.
     result = result_where(a.side.isolated.doubtful | b.side.isolated.doubtful, RESULTS.existence_not_certified, result)
@@ -135,11 +144,11 @@ def _witness(a: Side, b: Side, state: SurfaceState, value: Array, direction: Any
     at_border = jnp.any((place.point == jnp.asarray(a.lower)) | (place.point == jnp.asarray(a.upper)))
     foot = place.feet[0]
     foot_at_border = jnp.any((foot == jnp.asarray(b.lower)) | (foot == jnp.asarray(b.upper)))
-    several = jnp.sum(place.weights > like_double(1e-9, value.dtype)) > 1
+    several = jnp.sum(place.weights > like_double(_WEIGHTLESS, value.dtype)) > 1
     event = EVENTS.where(foot_at_border, EVENTS.b_end, EVENTS.antipodal)
     event = EVENTS.where(at_border, EVENTS.a_end, event)
     event = EVENTS.where(several, EVENTS.one_to_two, event)
-    event = EVENTS.where(value <= 256 * u, EVENTS.coincident, event)
+    event = EVENTS.where(value <= _COINCIDENT * u, EVENTS.coincident, event)
     nothing = jnp.full((FEET,), -1, int)
     return Witness(
         element=nothing[0],

@@ -35,6 +35,12 @@ _LANES = 8
 # A cell is cut along each parameter along which its length is at least this fraction of the largest, unless its width
 # there is below this many units of roundoff.
 _LONG, _THIN = 0.6, 16
+# Smallest fraction of a cell for each part when it is cut at a given point.
+_INSET = 0.05
+# Borders of pieces are compared at this number of points; they are equal if these agree to this many units of roundoff
+# of the largest coordinate. A point on such a border is not a corner if the vector to its foot is normal to the surface
+# within this tolerance.
+_COMPARED, _JOINT_ULPS, _NORMAL = 5, 64, 1e-6
 
 
 class CellRows(NamedTuple):
@@ -130,8 +136,7 @@ class NetSource(AbstractSource):
         parent, middle = np.arange(len(cells.piece)), 0.5 * (cells.low + cells.high)
         about = np.zeros(len(parent), bool)
         if at is not None:
-            # Each part takes at least this fraction of a cell.
-            room = 0.05 * (cells.high - cells.low)
+            room = _INSET * (cells.high - cells.low)
             apt = (at.x - cells.low > room) & (cells.high - at.x > room) & (cells.piece == at.piece)[:, None]
             about = np.all(apt, axis=1)
             middle = np.where(about[:, None], at.x, middle)
@@ -174,8 +179,7 @@ class NetSource(AbstractSource):
         if not self._is_joint(piece, x):
             return EVENTS.a_end
         pulls = self.rays(piece, x)[0] @ units(apart[None])[0]
-        # The point is not a corner if the vector to its foot is normal to the surface.
-        return EVENTS.b_end if bool(np.all(np.abs(pulls) <= 1e-6)) else EVENTS.corner
+        return EVENTS.b_end if bool(np.all(np.abs(pulls) <= _NORMAL)) else EVENTS.corner
 
     def _is_joint(self, piece: int, x: np.ndarray) -> bool:
         """Return whether another border of a piece lies along each border through a point.
@@ -183,7 +187,7 @@ class NetSource(AbstractSource):
         Borders are compared at some points. A border that is a single point, as at a pole, does not count.
         """
         borders, n = self._borders(), len(x)
-        near = 64 * np.finfo(borders.dtype).eps * np.max(np.abs(borders))
+        near = _JOINT_ULPS * np.finfo(borders.dtype).eps * np.max(np.abs(borders))
         apart = lambda points, others: np.max(np.abs(points - others), axis=(-2, -1))  # noqa: E731
         if n == 1:
             here = borders[2 * piece + int(x[0] > 0)]
@@ -201,7 +205,7 @@ class NetSource(AbstractSource):
     def _borders(self) -> np.ndarray:
         """Return points along the borders of all pieces: first parameter 0 and 1, then second parameter 0 and 1."""
         n = self._net.parameters
-        shares = np.linspace(0, 1, 5 if n == 2 else 1)
+        shares = np.linspace(0, 1, _COMPARED if n == 2 else 1)
         x = np.empty((self._count, 2 * n, len(shares), n), np.asarray(self._net.points).dtype)
         for side in range(2 * n):
             x[:, side] = shares[:, None]

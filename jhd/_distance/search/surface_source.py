@@ -33,6 +33,8 @@ from jhd._shapes.prepared import prepared
 
 # Cells or points processed in one batch.
 _LANES = 64
+# A point this many roundings from a face of the box is on the face.
+_ROUNDED = 64
 # The twelve edges of a box: the axis of each, and the other two coordinates, as rows with a zero at the axis.
 _AXIS = np.repeat(np.arange(3), 4)
 _OTHERS = np.array([np.insert(signs, axis, 0) for axis in range(3) for signs in product((-1, 1), repeat=2)])
@@ -161,8 +163,7 @@ class SurfaceSource(AbstractSource):
     def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
         """Return a nearby point of the surface, proven if possible, on the same faces of the box."""
         lower, upper, point = self._side.lower, self._side.upper, place.point
-        # At this distance from a face of the box a point is on the face.
-        near = 64 * unit_roundoff(point.dtype)
+        near = _ROUNDED * unit_roundoff(point.dtype)
         point = np.where(point <= lower + near, lower, np.where(point >= upper - near, upper, point))
         fixed = (point <= lower) | (point >= upper)
         found = places_near(self._side, point[None], fixed[None], thorough=True)

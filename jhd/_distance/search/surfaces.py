@@ -37,10 +37,20 @@ from jhd._runtime.arrays import varying
 
 # Cells bounded in one step.
 _LANES = 32
+# Newton steps for the feet and for the points of a cell.
+_STEPS_OF_FEET, _STEPS_OF_POINTS = 3, 4
 # Cells of this width are not cut any more; points this near to a surface count as on it. For double precision.
 _NARROW, _ON = 2.0**-46, 1e-9
+# Rows of the table for each open cell of the search for the distance of a point.
+_ROWS_OF_MEASURE = 8
 # Points whose nearest points of a cloud are searched in one batch.
 _BLOCK = 256
+# Feet count together if their distances agree to this many half diagonals of a cell.
+_TOGETHER = 4.0
+# Most steps between two measured points.
+_LONGEST_WAIT = 16
+# Least gap in units of roundoff of the common coordinates.
+_FLOOR = 256
 
 
 class SurfaceTable(NamedTuple):
@@ -76,7 +86,7 @@ class SurfaceState(NamedTuple):
 def tolerance(a: Side, b: Side, wanted: Wanted, distance: Array) -> Array:
     """Return the tolerance at a distance."""
     size = diagonal([(side.lower, side.upper) for side in (a, b)])
-    default = default_tolerance(size, distance.dtype, 256 * unit_roundoff(distance.dtype))
+    default = default_tolerance(size, distance.dtype, _FLOOR * unit_roundoff(distance.dtype))
     atol = jnp.where(wanted.atol < 0, default, wanted.atol)
     return jnp.maximum(atol, wanted.rtol * distance)
 
@@ -176,9 +186,9 @@ def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState, following: 
     hoped = lanes.promise[best] > jnp.maximum(state.best.lower, wanted.aim.level) + gain
     # After points that promised too much, some steps go by before the next point is measured.
     asked = first | (hoped & (state.steps >= state.patience[0]))
-    capacity = max(CAPACITY, bound.size // 8)
+    capacity = max(CAPACITY, bound.size // _ROWS_OF_MEASURE)
     found = improved(a, b, state.best, place, asked, 0.1 * gain, capacity)
-    wait = jnp.where(found.lower > state.best.lower + gain, 1, jnp.minimum(2 * state.patience[1], 16))
+    wait = jnp.where(found.lower > state.best.lower + gain, 1, jnp.minimum(2 * state.patience[1], _LONGEST_WAIT))
     patience = jnp.where(asked, jnp.stack([state.steps + wait, wait]), state.patience)
     state = state._replace(best=found, patience=patience)
     return _cut(a.side, state, lanes, goal(a.side, b.side, wanted, state))
@@ -222,7 +232,7 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
     at_face = jnp.where(cells.lower <= lower, lower, upper)
     start = jnp.concatenate([cells.center, jnp.where(free, cells.center, at_face)], axis=1)
     fixed = jnp.concatenate([jnp.zeros_like(free), ~free], axis=1)
-    found = projected(a, start, fixed, 4)
+    found = projected(a, start, fixed, _STEPS_OF_POINTS)
     value, gradient = slopes(a.coefficients, found)
     on = jnp.abs(value) <= like_double(_ON, found.dtype) * jnp.sqrt(
         jnp.sum(jnp.where(fixed, 0.0, gradient) ** 2, axis=0)
@@ -238,14 +248,13 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
 def _feet(b: Target, state: SurfaceState, place: Array, parents: Array, cells: Boxes) -> tuple[Array, Array]:
     """Return four feet (4, 3, lanes) of points: the nearest, and the most distant of about equally near feet."""
     lanes = place.shape[1]
-    # Feet count together if their distances agree to some half diagonals of a cell.
-    reach = 4.0 * jnp.sqrt(jnp.sum(cells.half**2, axis=0))
+    reach = _TOGETHER * jnp.sqrt(jnp.sum(cells.half**2, axis=0))
     near = _spread_seeds(b.cloud, place, reach)
     hints = jnp.broadcast_to(state.best.hints[:, :, None], (HINTS, 3, lanes))
     starts = jnp.concatenate([parents, near, hints])
     count = starts.shape[0]
     flat = starts.transpose(1, 0, 2).reshape(3, -1)
-    found = local_feet(b.side, jnp.tile(place, (1, count)), flat, 3)
+    found = local_feet(b.side, jnp.tile(place, (1, count)), flat, _STEPS_OF_FEET)
     value, gradient = slopes(b.side.coefficients, found)
     off = jnp.abs(value) / jnp.sqrt(jnp.sum(gradient**2, axis=0))
     off = jnp.where(on_isolated(b.side.isolated, found), 0.0, off)

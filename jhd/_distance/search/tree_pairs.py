@@ -30,6 +30,12 @@ from jhd._triangles.unit import in_unit
 
 # Pairs kept of every level in the quick descent that gives the first upper bound.
 _BEAM = 512
+# Pairs of one block that are examined in rational arithmetic because they seem to meet.
+_PROBES = 4
+# This many pairs are always settled in rational arithmetic: it takes a tenth of a second.
+_SETTLED = 64
+# Up to this many pairs are tested with the planes of the nearest pair, which takes some microseconds for a triangle.
+_PARTED = 1 << 14
 
 
 class MeshBoxes(NamedTuple):
@@ -178,8 +184,7 @@ class PairSearch:
             if self.best is not known:
                 known, left = self.best, self._beyond(left)
             self._near = [left]
-            # The first pairs are always settled: it takes a tenth of a second.
-            near_enough = self.tried >= 64 and self.upper - self.lower <= allowed(self.upper)
+            near_enough = self.tried >= _SETTLED and self.upper - self.lower <= allowed(self.upper)
             self.is_settled = self.upper == 0 or not len(left.a) or near_enough
             if not self.is_settled:
                 self._settle(int(left.a[0]), int(left.b[0]))
@@ -197,8 +202,7 @@ class PairSearch:
 
     def _beyond(self, pairs: Pairs) -> Pairs:
         """Return the pairs that may be nearer: the planes through the nearest points do not separate them."""
-        # For more pairs the test, some microseconds for a triangle, takes too long.
-        if not 0 < len(pairs.a) <= 1 << 14:
+        if not 0 < len(pairs.a) <= _PARTED:
             return pairs
         i, j = self.best.triangles
         found = planes(self._meshes[0][i], self._meshes[1][j], self.best.nearest)
@@ -239,8 +243,7 @@ class PairSearch:
         if not len(pairs.a):
             return
         found = in_blocks(_thorough, *self._corners(pairs))
-        # The first pairs that seem to meet.
-        probed = np.argsort(found.gap, kind="stable")[:4]
+        probed = np.argsort(found.gap, kind="stable")[:_PROBES]
         probed = probed[found.gap[probed] < 0]
         least = int(np.argmin(found.upper))
         if found.upper[least] < self.upper:

@@ -39,13 +39,17 @@ from jhd._distance.search.closest import (
 )
 from jhd._distance.search.row_batches import each, in_blocks
 from jhd._distance.search.search import AbstractSearch, Standing
-from jhd._runtime.arrays import joined, taken
 from jhd._runtime.compiled import compiled
 
 # Steps of the first kind, and pairs in its longest table: each length compiles for seconds.
 _FIRST_TURN, _LONGEST = 512, 2048
-# Pairs that are bounded in one batch.
-_LANES = 32
+# Pairs that are cut at once, and pairs that are bounded in one batch.
+_TAKEN, _LANES = 256, 32
+# The number of pairs near a surface of nearest pairs grows like this power of the inverse of the gap, as bounds are
+# short by the eighth power of the size of the cells. This predicts the steps within a factor of two for small gaps.
+_POWER, _TOO_MANY = 0.25, 2.0
+# Feet move on the first shape if the second derivative along the second is below this fraction of that along the first.
+_FLATTER = 0.125
 
 
 class FollowedPairs(NamedTuple):
@@ -129,16 +133,14 @@ class InTurn(AbstractSearch):
         while going := self._is_going(problem, state):
             if state.steps >= limit:
                 break
-            state = _cut(problem, self._wanted, state, min(256, WIDTH * (limit - state.steps)))
+            state = _cut(problem, self._wanted, state, min(_TAKEN, WIDTH * (limit - state.steps)))
         state = state._replace(best=jax.tree_util.tree_map(np.asarray, self._sharper(state.best)))
         return state, Standing(self._shown(state.reached()), going, False, state.steps, len(state.lower))
 
     def _is_going(self, problem: WithMovingFeet, state: FollowedPairs) -> bool:
         closed = close_enough(problem, self._wanted, state.best)
         is_open = np.min(state.lower, initial=np.inf) < closed
-        # Bounds are short by the eighth power of the size of the cells, so the number of pairs near a surface of
-        # nearest pairs grows by this power. This predicts the steps within a factor of two for small gaps.
-        return bool(is_open and not is_hopeless(problem, self._wanted, state.reached(), 0.25, 2.0))
+        return bool(is_open and not is_hopeless(problem, self._wanted, state.reached(), _POWER, _TOO_MANY))
 
 
 def _cut(problem: WithMovingFeet, wanted: WantedGap, state: FollowedPairs, most: int) -> FollowedPairs:
@@ -147,23 +149,29 @@ def _cut(problem: WithMovingFeet, wanted: WantedGap, state: FollowedPairs, most:
     still = state.lower < float(close_enough(problem, wanted, state.best))
     settled = np.minimum(state.settled, np.min(state.lower[~still], initial=np.inf))
     order = np.flatnonzero(still)[np.argsort(state.lower[still], kind="stable")]
-    first, rest = order[:most], order[most:]
-    lower, cell, axis = taken((state.lower, state.cell, state.axis), first)
+    taken, rest = order[:most], order[most:]
+    lower, cell, axis = _rows((state.lower, state.cell, state.axis), taken)
     halves: Any = halves_of(cell, axis)
     found: Any = PairBound(*jax.tree_util.tree_map(np.asarray, in_blocks(_bounds, problem, *halves)))
     before: Any = np.concatenate([lower, lower])
     best, lowers = raised(found, halves, before, state.best)
     closed = float(close_enough(problem, wanted, best))
     left = np.flatnonzero((lowers < closed) & ~found.thin)
-    followed, extent = _followed(problem, taken(found, left))
+    followed, extent = _followed(problem, _rows(found, left))
     lowers[left] = np.maximum(lowers[left], followed)
     open_ = lowers[left] < closed
     left, axis = left[open_], np.argmax(extent[open_], axis=1)
     settled = min(settled, np.min(np.delete(lowers, left), initial=np.inf))
-    new: Any = lowers[left], taken(found.cell, left), axis
-    lower, cell, axis = joined([new, taken((state.lower, state.cell, state.axis), rest)])
-    steps, pairs = state.steps + -(-len(first) // WIDTH), state.pairs + len(lowers)
+    new: Any = lowers[left], _rows(found.cell, left), axis
+    old = _rows((state.lower, state.cell, state.axis), rest)
+    lower, cell, axis = jax.tree_util.tree_map(lambda x, y: np.concatenate([x, y]), new, old)
+    steps, pairs = state.steps + -(-len(taken) // WIDTH), state.pairs + len(lowers)
     return FollowedPairs(state.kind, lower, cell, axis, best, settled, steps, pairs)
+
+
+def _rows(x: Any, rows: np.ndarray) -> Any:
+    """Return some rows of arrays."""
+    return jax.tree_util.tree_map(lambda x: x[rows], x)
 
 
 def _followed(problem: WithMovingFeet, pairs: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -176,7 +184,7 @@ def _followed(problem: WithMovingFeet, pairs: Any) -> tuple[np.ndarray, np.ndarr
     graph = np.isfinite(on_a.beside)
     k = np.flatnonzero(graph & promising)
     if k.size:
-        lower[k], convex[k] = in_blocks(_moving_bounds, problem, *jax.tree_util.tree_leaves(taken((on_a, cell, x), k)))
+        lower[k], convex[k] = in_blocks(_moving_bounds, problem, *jax.tree_util.tree_leaves(_rows((on_a, cell, x), k)))
     return lower, problem.to_cut(pairs.extent, MovingBound(lower, graph, convex, on_a.bent))
 
 
@@ -201,9 +209,9 @@ def _moving_bounds(problem: WithMovingFeet, count: Array, *rows: Array) -> tuple
 
 
 def _with_feet(problem: Parametric | WithSurface, best: BestPair) -> type[WithMovingFeet]:
-    """Return the kind of bounds with moving feet: on the second shape unless its second derivative is far smaller."""
+    """Return the kind of bounds with moving feet: on the shape with the larger second derivative."""
     of_a, of_b = np.asarray(_bends(problem, best))
-    return WithFeetOnFirst if of_b < 0.125 * of_a else WithMovingFeet
+    return WithFeetOnFirst if of_b < _FLATTER * of_a else WithMovingFeet
 
 
 @compiled

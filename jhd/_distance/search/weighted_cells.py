@@ -24,8 +24,12 @@ from jhd._distance.normalization.net_jets import Net
 from jhd._distance.search.sources import CellRows, MeshSource, cut_along
 from jhd._runtime.arrays import joined
 
+# A cut that ends this close to a corner, as a fraction of a side, ends at the corner.
+_AT_END = 2.0**-30
 # Exceeds the roundings of a point between two others, with coordinates of at most one.
 _ROUNDINGS = gamma(16, np.float64)
+# A cell is cut along each parameter along which its length is at least this fraction of the largest.
+_LONG = 0.6
 
 
 class AbstractMeasured(ABC):
@@ -117,7 +121,7 @@ class MeasuredNet(AbstractMeasured):
         if self.dimension == 2:
             sides = [corners[:, 2] - corners[:, 0], corners[:, 1] - corners[:, 0]]
         along = np.stack([np.sum(x**2, axis=1) for x in sides], axis=1)
-        which = along >= 0.6**2 * np.max(along, axis=1, keepdims=True)
+        which = along >= _LONG**2 * np.max(along, axis=1, keepdims=True)
         parent = np.arange(len(cells.piece))
         for axis in range(self.dimension):
             middle = 0.5 * (cells.low[:, axis] + cells.high[:, axis])
@@ -190,8 +194,7 @@ def _parts_along(corners: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, 
     a, b, c = np.moveaxis(np.take_along_axis(corners, turned[..., None], axis=1), 1, 0)
     h = np.abs(np.take_along_axis(heights, turned, axis=1))
     share = h[:, :1] / (h[:, :1] + h[:, 1:])
-    # A cut that ends so close to a corner ends at the corner.
-    whole = share > 1 - 2.0**-30
+    whole = share > 1 - _AT_END
     ends = np.stack([b, c], axis=1)
     cuts = np.where(whole[..., None], ends, a[:, None] + share[..., None] * (ends - a[:, None]))
     x, y = cuts[:, 0], cuts[:, 1]
