@@ -46,6 +46,8 @@ from jhd._distance.normalization.pieces import Piece, piece_of
 from jhd._runtime.arrays import module_of, varying
 from jhd._shapes.curve import BezierSegments
 
+# Newton steps that carry a foot to the other end of its cell, from a start of second order.
+_CARRY = 3
 # Samples of the cell among which the peak is looked for, and steps that refine it; two reach full precision.
 _NODES, _PEAK_STEPS = 9, 2
 # Ratio of the foot speeds at the ends of a cell beyond which a Moebius map would only do harm.
@@ -97,8 +99,7 @@ def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell, runs
         foot = piece_of(b, k)
         speed = _speed(near, width, foot, s)
         guess = jnp.clip(s + speed * jnp.where(from_right, -width, width), 0.0, 1.0)
-        # The guess is of second order: three Newton steps.
-        other = nearest_passed(far.point, foot, guess, 3)
+        other = nearest_passed(far.point, foot, guess, _CARRY)
         far_speed = _speed(far, width, foot, other)
         s0, s1 = jnp.where(from_right, other, s), jnp.where(from_right, s, other)
         v0, v1 = jnp.where(from_right, far_speed, speed), jnp.where(from_right, speed, far_speed)

@@ -28,6 +28,8 @@ from jhd._distance.nearest.forms import Boxes, Form, form, slope_changes
 from jhd._distance.normalization.surfaces import Side
 from jhd._runtime.arrays import varying
 
+# Newton steps for the nodes.
+_STEPS_OF_NODES = 3
 # Graphs that leave their cells by more than this many half sides are not used.
 _TALLEST = 4.0
 
@@ -141,7 +143,7 @@ def _places(form_a: Form, a: Side, cells: Boxes, order: Array) -> tuple[Array, A
         move = at.value / jnp.where(rate != 0, rate, jnp.inf)
         return jnp.clip(z - move, -_TALLEST, _TALLEST)
 
-    z = jax.lax.fori_loop(0, 3, step, varying(start, a, cells))
+    z = jax.lax.fori_loop(0, _STEPS_OF_NODES, step, varying(start, a, cells))
     return points(z), fitted(z.T)
 
 

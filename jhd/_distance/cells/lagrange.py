@@ -47,6 +47,16 @@ from jhd._distance.normalization.isolated import cleared
 from jhd._distance.normalization.net_jets import Net, part_of, skew
 from jhd._distance.normalization.surfaces import Side
 
+# Steps of Newton's method on the Lagrange system of a cell.
+_STEPS = 8
+# The weight of the quadratic terms: in the steps, where they keep the iterates near the surfaces, and in the bounds.
+_STIFF, _CONVEX = 1e5, 30.0
+_THINNEST = 16
+# A step leads to a surface if it leaves at most this fraction of its polynomial's change in the cell.
+_MET = 1e-3
+# Steps of Newton's method back onto a surface.
+_BACK = 3
+
 
 class WithSurface(NamedTuple):
     """A pair of shapes in common coordinates, of which one at least is an implicit surface."""
@@ -116,7 +126,7 @@ def _there(a: Net | Side, b: Net | Side, parts: tuple[Any, Any], cell: Cell, z: 
     )
 
 
-def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: int = 8) -> _LagrangePlace:
+def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: int = _STEPS) -> _LagrangePlace:
     """Solve the Lagrange system approximately in a cell, its sides as constraints; nothing is proven."""
     n = a.parameters
     parts = _part(a, cell.piece_a, cell.low[:n], cell.high[:n]), _part(b, cell.piece_b, cell.low[n:], cell.high[n:])
@@ -125,8 +135,7 @@ def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: in
         x, multipliers = state
         now = _lagrange(*_there(a, b, parts, cell, x))
         square = jnp.sum(now.slopes**2, axis=-1)
-        # The weight of the quadratic terms keeps the iterates near the surfaces.
-        stiff = 1e5 * _ratio(jnp.max(jnp.abs(jnp.diagonal(now.hessian))), square)
+        stiff = _STIFF * _ratio(jnp.max(jnp.abs(jnp.diagonal(now.hessian))), square)
         pull = multipliers - stiff * now.values
         gradient = now.gradient - pull @ now.slopes
         bent = now.hessian - jnp.tensordot(multipliers, now.bents, 1)
@@ -134,8 +143,7 @@ def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: in
         held = ((x <= 0) & (gradient > 0)) | ((x >= 1) & (gradient < 0))
         move = jnp.clip(x + newton_step(gradient, bent, held), 0.0, 1.0) - x
         left = now.values + now.slopes @ move
-        # A step leads to a surface if it leaves a small fraction of its polynomial's change in the cell.
-        met = jnp.abs(left) <= 1e-3 * jnp.sum(jnp.abs(now.slopes), axis=-1)
+        met = jnp.abs(left) <= _MET * jnp.sum(jnp.abs(now.slopes), axis=-1)
         # If the sides of the cell hold the point off the surface, the remaining value of the polynomial tells nothing.
         return x + move, jnp.where(met, multipliers - stiff * left, _multipliers(now, x >= 0))
 
@@ -159,7 +167,7 @@ def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> PairBound:
     lower = jnp.where(_excluded(a, b, cell, local, over, apart), jnp.inf, lower)
     upper, x, distance = _proven(a, b, cell, place)
     extent = jnp.max(jnp.abs(over.first.mid) + over.first.rad, axis=-1)
-    room = jnp.maximum(jnp.abs(cell.low), jnp.abs(cell.high)) * jnp.finfo(dtype).eps * 16
+    room = jnp.maximum(jnp.abs(cell.low), jnp.abs(cell.high)) * jnp.finfo(dtype).eps * _THINNEST
     extent = jnp.where(width > jnp.maximum(room, 64 * smallest_normal(dtype)), extent, -1.0)
     return PairBound(lower, upper, distance, x, cell, extent, jnp.max(extent) < 0)
 
@@ -181,7 +189,7 @@ def _of_second_order(
     per = 1.0 / jnp.where(distance > 0, distance, jnp.inf)
     unit = now.e / jnp.where(distance > 0, distance, 1.0)
     tight = _pointwise(a, b, there, cell.low + z * (cell.high - cell.low), n, place.parts)
-    scale = 30.0 * _ratio(jnp.max(jnp.abs(jnp.diagonal(now.hessian))), jnp.sum(now.slopes**2, axis=-1))
+    scale = _CONVEX * _ratio(jnp.max(jnp.abs(jnp.diagonal(now.hessian))), jnp.sum(now.slopes**2, axis=-1))
     by_f = _second_order(tight, over, apart, tight.e, place.multipliers, scale, z, True)
     # Of quadrics this has constant second derivatives.
     by_f = jnp.fmax(by_f, _second_order(tight, over, apart, tight.e, place.multipliers, 0 * scale, z, True))
@@ -348,7 +356,7 @@ def _proven(a: Any, b: Any, cell: Cell, place: _LagrangePlace) -> tuple[Array, A
     for shape, span, part in ((a, slice(0, n), place.parts[0]), (b, slice(n, None), place.parts[1])):
         if part is None:
             near = jnp.clip(places[span], jnp.asarray(shape.lower), jnp.asarray(shape.upper))
-            found = returned(shape, near[:, None], steps=3)
+            found = returned(shape, near[:, None], _BACK)
             radius, own = proven_radius(shape, found)[0], found[:, 0]
         else:
             radius, own = error_of(shape), places[span]

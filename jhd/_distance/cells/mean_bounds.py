@@ -45,12 +45,16 @@ from jhd._distance.cells.weighted import greatest_square, least_square
 from jhd._distance.nearest.target import AbstractTarget, ConvexPieces, Flats, ProvenFeet
 from jhd._runtime.arrays import taken
 
+# The mean of |x - c|^2 divided by the sum over the corners, by the number of corners.
+_SPREAD = {1: 0.0, 2: 1 / 6, 3: 1 / 12, 4: 1 / 12}
 # The first distance at which far points are tried; no round number, since nearest points of centers of circles and
 # spheres are hard to prove. If one serves and more can be gained, the distance grows by this factor, up to the limit:
 # coordinates are at most one.
 NEAR, _FARTHER, _FARTHEST = 0.0437, 4.0, 4.0
 # More can be gained if the loss exceeds this fraction of the gap that may remain.
 _GAIN = 0.1
+# The gap that bounds of far points may leave, as a fraction of the loss.
+_SMALL_PART = 0.25
 _ROUNDINGS = gamma(64, np.float64)
 # Faces as near as this to the nearest one, relative to its distance, have a common edge or corner that is nearest.
 _TIED = 1e-9
@@ -278,7 +282,7 @@ def _put(found: ProvenFeet, rows: np.ndarray, others: ProvenFeet) -> None:
 
 def _close(lost: np.ndarray, goal: float) -> float:
     """Tolerance for distances of far points: they are costly near the center of a round shape, so only a small part."""
-    return 0.25 * max(float(np.median(lost)), goal)
+    return _SMALL_PART * max(float(np.median(lost)), goal)
 
 
 def _seen_from(
@@ -298,8 +302,8 @@ def _scatter(corners: np.ndarray) -> np.ndarray:
 
 
 def _share(corners: np.ndarray) -> float:
-    """Ratio of W to the mean over the corners, by their number."""
-    return {1: 0.0, 2: 1 / 3, 3: 1 / 4, 4: 1 / 3}[corners.shape[1]]
+    """Ratio of W to the mean over the corners."""
+    return _SPREAD[corners.shape[1]] * corners.shape[1]
 
 
 def _across(corners: np.ndarray) -> np.ndarray:

@@ -34,6 +34,9 @@ from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._distance.cells.arc_length_area import off_by, restricted
 from jhd._distance.normalization.net_jets import Net
 
+# Steps towards the linear term of the quadratic function: each gains one power of the size of the part.
+_CORRECTIONS = 2
+
 
 def distances_by_squares(
     net: Net,
@@ -125,8 +128,7 @@ def _roots(rest: np.ndarray) -> np.ndarray:
         """Return the quadratic terms of the first root and its value in the middle, given its slope."""
         return *(cubic.T / np.where(rate > 0, rate, np.inf)), _start(pull[:, 0], rate, reach[:, 0])
 
-    # Each step towards the linear term of the quadratic function gains one power of the size of the part.
-    for _ in range(2):
+    for _ in range(_CORRECTIONS):
         own, _, _, start = terms(rate)
         rate = np.sqrt(np.maximum(0.5 * bends[:, 0] - 2 * start * own, 0.0))
     own, mixed, other, start = terms(rate)

@@ -24,6 +24,8 @@ from jhd._arithmetic.rounding import gamma, smallest_normal
 from jhd._arithmetic.truncated import EXPONENTS, Truncated, dot, extremes, largest, scaled
 from jhd._arithmetic.truncated import plus as added
 
+# Steps from side to side towards the least value of a parabola.
+_DESCENTS = 8
 _S, _T, _SS, _ST, _TT = (EXPONENTS.index(powers) for powers in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
 
 
@@ -66,7 +68,7 @@ def _parabola(terms: Array) -> Truncated:
         s = jnp.clip(-(terms[_S] + b * z[1]) / jnp.where(a > 0, a, jnp.inf), -1.0, 1.0)
         return s, jnp.clip(-(terms[_T] + b * s) / jnp.where(c > 0, c, jnp.inf), -1.0, 1.0)
 
-    z = jax.lax.fori_loop(0, 8, descend, (jnp.zeros_like(a), jnp.zeros_like(a)))
+    z = jax.lax.fori_loop(0, _DESCENTS, descend, (jnp.zeros_like(a), jnp.zeros_like(a)))
     factors = along * jnp.sqrt(0.5 * rates)[:, None]
     shift = factors[:, 0] * z[0] + factors[:, 1] * z[1]
     zero = jnp.zeros((terms.shape[0], *shift.shape), terms.dtype)

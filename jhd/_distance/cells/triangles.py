@@ -35,6 +35,7 @@ from jhd._triangles.point_triangle import squared_distances
 
 # Of this many rounds one splits in the middle, so that cells shrink whatever the nearest triangles are.
 _PERIOD = 4
+_SECANTS = 12
 _NEXT = np.array([1, 2, 0])
 # The six points of a cell are its corners 0, 1, 2 and on the edges behind them 3, 4, 5. The parts by points, and how
 # many there are: four by points on all edges, three by cutting off a corner, two by a cut through a corner.
@@ -220,7 +221,7 @@ def _ties(table: Array, p: Array, q: Array, s: Array, t: Array) -> Array:
 
     zero, one = jnp.zeros(p.shape[0], p.dtype), jnp.ones(p.shape[0], p.dtype)
     start = (zero, one, jnp.minimum(difference(zero), 0.0), jnp.maximum(difference(one), 0.0))
-    low, high, at_low, at_high = jax.lax.fori_loop(0, 12, step, start)
+    low, high, at_low, at_high = jax.lax.fori_loop(0, _SECANTS, step, start)
     share = jnp.where(-at_low < at_high, low, high)
     # At an end there is nothing to split off.
     return jnp.where((share > 0) & (share < 1), share, 0.5)

@@ -33,6 +33,8 @@ from jhd._runtime.arrays import taken
 _ROUNDED = Fraction(1, 2**50)
 # Roundings of means of squares and of fractions of simplices.
 _ROUNDINGS = gamma(32, np.float64)
+# Bisection steps for the level of a quantile between the levels of whole cells.
+_HALVINGS = 24
 
 
 class Weights(NamedTuple):
@@ -163,7 +165,7 @@ def quantile_bounds(weights: Weights, values: Values, q: float) -> tuple[float, 
 
 def _switch(low: float, high: float, holds: Callable[[float], bool]) -> tuple[float, float]:
     """Bisect between `low` and `high`; return neighboring numbers of which only the upper one satisfies `holds`."""
-    for _ in range(24):
+    for _ in range(_HALVINGS):
         level = 0.5 * low + 0.5 * high
         if not low < level < high:
             break
