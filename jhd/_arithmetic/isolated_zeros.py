@@ -86,6 +86,7 @@ def _slope(polynomial: np.ndarray, axis: int) -> int:
 def _sharpened(polynomial: np.ndarray, place: list[Fraction], inward: list[int]) -> list[Fraction]:
     """Refine a point by exact Newton steps until its gradient along the free coordinates is zero to many digits."""
     free = [axis for axis in range(3) if not inward[axis]]
+    # Newton steps in exact arithmetic, to 240 bits.
     for _ in range(4 if free else 0):
         here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
         unit = max(abs(x) for x in here.flat)
@@ -136,6 +137,7 @@ def _about(
     if least is None or any(x <= 0 for x in rising):
         return None
     size = float(max(upper - lower))
+    # The first cube has half the size of the box for its half side, and is halved at most so often.
     for power in range(24):
         half = Fraction(0.5 * size) / (1 << power)
         bent, falling = _rest(here, abs(unit), inward, half)
@@ -208,8 +210,10 @@ def _radius(value: Fraction, slopes: list[Fraction], curved: Fraction, rising: l
 
 def _candidates(a: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Points with nearly zero value and gradient and a definite Hessian, each with the coordinates that faces hold."""
+    # Five starts along each free axis.
     shares, held = (x.T for x in strata(5))
     x = np.where(shares == 1, upper, lower + (upper - lower) * shares)
+    # Newton steps in floating point.
     for k in range(10):
         value, slope, bent = _jets(a, x)
         # Starts whose values are still large are dropped.

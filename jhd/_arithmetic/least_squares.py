@@ -22,6 +22,7 @@ def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndar
     # LAPACK would write errors about these to standard error.
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
         return start
+    # Of many columns the basis is first searched by the normal equations.
     if matrix.shape[1] > 24:
         # For many columns the basis is first searched by the normal equations, which lose digits but take little time.
         products, sums = matrix.T @ matrix, matrix.T @ right
@@ -66,6 +67,7 @@ def _within(x: np.ndarray, basic: np.ndarray, solved: Callable[[np.ndarray], np.
             return z
         share = np.min(x[low] / np.maximum(x[low] - z[low], smallest_normal(x.dtype)))
         x = x + share * (z - x)
+        # Smaller values are zero.
         basic &= x > 1e-15
         x[~basic] = 0.0
         if not basic.any():
